@@ -15,12 +15,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from beamdae.analysis.sensitivities.implicit import (
-    RegularPoint,
     differentiate_equilibrium,
     find_unique_equilibrium,
 )
@@ -33,14 +33,11 @@ from beamdae.analysis.sensitivities.observable_derivatives import (
     time_derivative,
 )
 from beamdae.analysis.sensitivities.start_derivatives import (
-    Directions,
     group_directions,
 )
-from beamdae.equations.assembly.configurations import Configurations
 from beamdae.equations.equations_of_motion import (
     Configuration,
     EquationsOfMotion,
-    ImpactEquations,
     State,
 )
 from beamdae.equations.smooth_intervals import SAME_TIME, time_on_branch
@@ -143,8 +140,7 @@ def differentiate_breakpoint(difference: Difference, t: float, rounding: float) 
     BeamdaeError
         If breakpoints at this time move apart.
     """
-    moves = breakpoint_derivatives(difference)
-    at = [dt for b, dt in moves if abs(b - t) <= rounding]
+    at = [dt for b, dt in breakpoint_derivatives(difference) if abs(b - t) <= rounding]
     if at and max(at) != min(at):
         raise BeamdaeError(
             f"{derivative_call()}: {difference.name} moves one of several breakpoints at t = "
@@ -246,23 +242,20 @@ def differentiate_starts(
     """
     bases = {id(x.base): x.base for x in differences}
     equilibria = {key: find_unique_equilibrium(e) for key, e in bases.items()}
-    return [_differentiate_start(x, time, at, equilibria[id(x.base)]) for x in differences]
 
+    def start(e: EquationsOfMotion) -> Array:
+        return np.concatenate(ConsistencySolver(e).start_state(time, e.q0, e.v0)[:2])
 
-def _differentiate_start(
-    difference: Difference, time: Array, at: State, equilibrium: RegularPoint | None
-) -> tuple[Array, Array]:
-    base = difference.base
-    models = (base, *difference.models)
-    if np.array_equal(at.q, base.q0) and not any(start_adds_velocities(e, time) for e in models):
-        dq, dv = difference.along(lambda e: e.q0), difference.along(lambda e: e.v0)
-    else:
-
-        def start(e: EquationsOfMotion) -> Array:
-            return np.concatenate(ConsistencySolver(e).start_state(time, e.q0, e.v0)[:2])
-
-        dq, dv = np.split(difference.along(start), 2)
-    return dq if equilibrium is None else differentiate_equilibrium(equilibrium, difference), dv
+    result = []
+    for x in differences:
+        equilibrium, models = equilibria[id(x.base)], (x.base, *x.models)
+        is_consistent = np.array_equal(at.q, x.base.q0)
+        if is_consistent and not any(start_adds_velocities(e, time) for e in models):
+            dq, dv = x.along(lambda e: e.q0), x.along(lambda e: e.v0)
+        else:
+            dq, dv = np.split(x.along(start), 2)
+        result.append((differentiate_equilibrium(equilibrium, x) if equilibrium else dq, dv))
+    return result
 
 
 def assemble_neighbors(base: EquationsOfMotion, start: Any) -> Callable[[Any], EquationsOfMotion]:
@@ -408,17 +401,28 @@ class _Chain:
 
     def differentiate(self) -> dict[str, RunDerivative]:
         """Return the derivatives by parameter."""
-        intervals = self._solution.trajectory.intervals
-        phases = [Phase.first(x, intervals[0].configuration) for x in self._differences.values()]
+        intervals, whole = self._solution.trajectory.intervals, self._differences.values()
+        first, phases = (
+            intervals[0].configuration,
+            [Phase(x, x, [None] * len(x.models)) for x in whole],
+        )
+        if first is not None:
+            phases = [
+                _activate(x, first, [e.configurations.initial_configuration(e) for e in x.models])
+                for x in whole
+            ]
         for phase in phases:
             require_inner_breakpoints(phase.active, self._solution.trajectory)
-        rows: list[list[Interval]] = []
-        all_shifts: list[Array] = []
-        for k, interval in enumerate(intervals):
-            if k == 0:
-                crossing = self._begin(phases, interval)
-            else:
-                crossing = self._cross(crossing.phases, intervals[k - 1], interval, rows[-1])
+        time, at = node_state(with_active_multipliers(intervals[0]), 0)
+        if self._starts is None:
+            starts = differentiate_starts([x.active for x in phases], time, at)
+        else:
+            starts = [self._starts[name] for name in self._differences]
+        dq, dv = (np.array(x) for x in zip(*starts, strict=True))
+        crossing = _Crossing(phases, at.v, np.zeros(len(phases)), dq, dv)
+        rows, all_shifts = [self._differentiate_interval(crossing, intervals[0])], [crossing.shifts]
+        for before, interval in pairwise(intervals):
+            crossing = self._cross(crossing.phases, before, interval, rows[-1])
             rows.append(self._differentiate_interval(crossing, interval))
             all_shifts.append(crossing.shifts)
         return {
@@ -431,48 +435,34 @@ class _Chain:
     def _differentiate_interval(self, crossing: _Crossing, interval: Interval) -> list[Interval]:
         """Return the derivatives of an interval at fixed times, by parameter."""
         active, n = with_active_multipliers(interval), self._equations.n
+        equations, (time, at) = interval.active_equations(self._equations), node_state(active, 0)
         result = [interval] * len(crossing.phases)
         for directions in group_directions([x.active for x in crossing.phases]):
-            nodes = self._sweep(crossing, directions, active)
-            for member, rows in zip(directions.members, nodes.swapaxes(0, 1), strict=True):
-                q, v, a, lam = np.split(rows, [n, 2 * n, 3 * n], axis=1)
+            maps, members, numbers = directions
+            shifts, dq, dv = (x[members] for x in (crossing.shifts, crossing.dq, crossing.dv))
+            h = float(interval.t[1] - interval.t[0]) if shifts.any() else 0.0
+            start_map = maps.start_map(time, at, crossing.v, h)
+            fixed = moved = maps.along(start_map, np.hstack([dq, dv]), numbers, shifts)
+            if shifts.any():
+                rates = np.concatenate([at.v, at.a])
+                changes = moved[:, : len(rates)] - np.multiply.outer(shifts, rates)
+                fixed = maps.along(maps.completion_map(time, at), changes, numbers)
+            if isinstance(self._method, Radau):
+                moved, shifts = fixed, np.zeros_like(shifts)
+            nodes = differentiate_steps(
+                self._method, directions, equations, active, moved, shifts, self._matrices
+            )
+            nodes[0] = fixed
+            if shifts.any():
+                rows, along = active.rows, active.derivative_at(active.nodes)
+                rates = np.hstack([rows.v, rows.a, along.a, along.lam])[1:]
+                nodes[1:] -= rates[:, None] * shifts[:, None]
+            for member, x in zip(members, nodes.swapaxes(0, 1), strict=True):
+                q, v, a, lam = np.split(x, [n, 2 * n, 3 * n], axis=1)
                 if interval.configuration is not None:
                     lam = interval.configuration.expand_multipliers(lam, self._equations.m)
                 result[member] = replace(interval, rows=State(q, v, a, lam))
         return result
-
-    def _sweep(self, crossing: _Crossing, directions: Directions, interval: Interval) -> Array:
-        """Return the derivatives along some directions, (nodes, k, size)."""
-        maps, members, numbers = directions
-        shifts, dq, dv = (x[members] for x in (crossing.shifts, crossing.dq, crossing.dv))
-        time, at = node_state(interval, 0)
-        h = float(interval.t[1] - interval.t[0]) if shifts.any() else 0.0
-        start_map = maps.start_map(time, at, crossing.v, h)
-        fixed = moved = maps.along(start_map, np.hstack([dq, dv]), numbers, shifts)
-        if shifts.any():
-            rates = np.concatenate([at.v, at.a])
-            changes = moved[:, : len(rates)] - np.multiply.outer(shifts, rates)
-            fixed = maps.along(maps.completion_map(time, at), changes, numbers)
-        if isinstance(self._method, Radau):
-            moved, shifts = fixed, np.zeros_like(shifts)
-        equations = interval.active_equations(self._equations)
-        nodes = differentiate_steps(
-            self._method, directions, equations, interval, moved, shifts, self._matrices
-        )
-        nodes[0] = fixed
-        if shifts.any():
-            nodes[1:] -= _rates_at_steps(interval)[1:, None] * shifts[:, None]
-        return nodes
-
-    def _begin(self, phases: list[Phase], interval: Interval) -> _Crossing:
-        """Return the start of the run."""
-        time, at = node_state(with_active_multipliers(interval), 0)
-        if self._starts is None:
-            starts = differentiate_starts([x.active for x in phases], time, at)
-        else:
-            starts = [self._starts[name] for name in self._differences]
-        dq, dv = (np.array(x) for x in zip(*starts, strict=True))
-        return _Crossing(phases, at.v, np.zeros(len(phases)), dq, dv)
 
     def _cross(
         self, phases: list[Phase], before: Interval, after: Interval, along: list[Interval]
@@ -480,7 +470,14 @@ class _Chain:
         """Return a restart; `along` are the derivatives of the interval `before` by parameter."""
         t = float(after.t[0])
         event = find_event(self._solution, t)
-        time, at = self._state_before(before)
+        time, at = node_state(with_active_multipliers(before), -1)
+        # The velocities of generalized-alpha change at the rate of its own accelerations, also for
+        # modes that are too fast for the step.
+        if isinstance(self._method, Radau):
+            # Fast modes may be far from equilibrium within the steps; these accelerations belong to
+            # the positions and velocities.
+            solver = ConsistencySolver(before.active_equations(self._equations))
+            at = State(at.q, at.v, *solver.acceleration(time, at.q, at.v))
         if event is None:
             rounding = time_rounding(self._solution.trajectory)
             shifts = np.array([differentiate_breakpoint(x.active, t, rounding) for x in phases])
@@ -496,44 +493,33 @@ class _Chain:
         if event is None:
             return _Crossing(phases, at.v, shifts, dq, dv)
         v = at.v
+        models = [list(zip(x.whole.models, x.configurations, strict=True)) for x in phases]
         if select_impacts(self._equations.events[number].do):
-            assert before.configuration is not None
 
-            def hit(impact: ImpactEquations, time: Array, q: Array, v: Array) -> Array:
+            def hit(model: tuple[EquationsOfMotion, Any], time: Array, q: Array, v: Array) -> Array:
+                e, now = model
+                impacts = select_impacts(e.events[number].do)
+                impact = e.configurations.impact_equations(e, now, event.name, impacts)
                 return apply_impact(impact, time, at._replace(q=q, v=v))[0]
 
             for k, (phase, dt) in enumerate(zip(phases, shifts.tolist(), strict=True)):
-                dv[k] = replace(phase.whole, models=phase.impacts(number)).along(
-                    hit,
-                    (time, np.array([dt, 0.0])),
-                    (at.q, dq[k]),
-                    (at.v, dv[k]),
-                )
-            v = hit(impact_equations(self._equations, before.configuration, number), time, *at[:2])
+                clock = time, np.array([dt, 0.0])
+                changes = clock, (at.q, dq[k]), (at.v, dv[k])
+                dv[k] = replace(phase.whole, models=models[k]).along(hit, *changes)
+            v = hit((self._equations, before.configuration), time, *at[:2])
         assert after.configuration is not None
-        phases = [
-            phase.after_event(number, after.configuration, time, dt, at.q, change)
-            for phase, dt, change in zip(phases, shifts.tolist(), dq, strict=True)
-        ]
-        return _Crossing(phases, v, shifts, dq, dv)
-
-    def _state_before(self, before: Interval) -> tuple[Array, State]:
-        """Return (t, branch) and the state at the end of an interval, with its accelerations."""
-        time, at = node_state(with_active_multipliers(before), -1)
-        if isinstance(self._method, Radau):
-            # Fast modes may be far from equilibrium within the steps; these accelerations belong to
-            # the positions and velocities.
-            solver = ConsistencySolver(before.active_equations(self._equations))
-            at = State(at.q, at.v, *solver.acceleration(time, at.q, at.v))
-        # The velocities of generalized-alpha change at the rate of its own accelerations, also for
-        # modes that are too fast for the step.
-        return time, at
-
-
-def _rates_at_steps(interval: Interval) -> Array:
-    """Return the rates of (q, v, q'', lam) at the steps of a method without stages."""
-    rates = interval.derivative_at(interval.nodes)
-    return np.hstack([interval.rows.v, interval.rows.a, rates.a, rates.lam])
+        after_event = []
+        for k, (phase, dt) in enumerate(zip(phases, shifts.tolist(), strict=True)):
+            # Joints may keep the gaps that they have at the event, and laws may begin there: the
+            # event of each neighboring model is at its own time and positions.
+            configurations = [
+                e.configurations.configuration_after(
+                    e, now, e.events[number], time + np.array([step * dt, 0.0]), at.q + step * dq[k]
+                )
+                for (e, now), step in zip(models[k], phase.whole.steps, strict=True)
+            ]
+            after_event.append(_activate(phase.whole, after.configuration, configurations))
+        return _Crossing(after_event, v, shifts, dq, dv)
 
 
 def with_active_multipliers(interval: Interval) -> Interval:
@@ -549,8 +535,7 @@ def node_state(interval: Interval, k: int) -> tuple[Array, State]:
     return interval.times[k], State(*(x[k] for x in interval.rows))
 
 
-@dataclass(frozen=True)
-class Phase:
+class Phase(NamedTuple):
     """Equations of the active parts at neighboring values of one parameter.
 
     Attributes
@@ -565,86 +550,20 @@ class Phase:
 
     whole: Difference
     active: Difference
-    configurations: tuple[Any, ...]
-
-    @classmethod
-    def first(cls, whole: Difference, configuration: Configuration | None) -> Phase:
-        """Return the phase at the start of a run with this configuration."""
-        if configuration is None:
-            return cls(whole, whole, (None,) * len(whole.models))
-        configurations = tuple(_configurations(e).initial_configuration(e) for e in whole.models)
-        return cls(whole, _activate(whole, configuration, configurations), configurations)
-
-    def after_event(
-        self,
-        number: int,
-        configuration: Configuration,
-        time: Array,
-        dt: float,
-        q: Array,
-        dq: Array,
-    ) -> Phase:
-        """Return the phase after an event.
-
-        Joints may keep the gaps that they have at the event, and laws may begin there. Therefore,
-        the event of each neighboring model is at its own time and positions.
-
-        Parameters
-        ----------
-        number
-            Index of the event.
-        configuration
-            Configuration of the run after the event.
-        time, q
-            (t, branch) and positions at the event.
-        dt, dq
-            Total derivatives of the time of the event [s] and of the positions.
-        """
-        configurations = tuple(
-            _configurations(e).configuration_after(
-                e, now, e.events[number], time + np.array([step * dt, 0.0]), q + step * dq
-            )
-            for e, now, step in zip(
-                self.whole.models, self.configurations, self.whole.steps, strict=True
-            )
-        )
-        active = _activate(self.whole, configuration, configurations)
-        return Phase(self.whole, active, configurations)
-
-    def impacts(self, number: int) -> list[ImpactEquations]:
-        """Return the equations of the impacts of an event of the neighboring models."""
-        pairs = zip(self.whole.models, self.configurations, strict=True)
-        return [impact_equations(e, now, number) for e, now in pairs]
-
-
-def impact_equations(
-    equations: EquationsOfMotion, configuration: Configuration, number: int
-) -> ImpactEquations:
-    """Return the equations of the impacts of an event; `configuration` is that before it."""
-    event = equations.events[number]
-    impacts = select_impacts(event.do)
-    return _configurations(equations).impact_equations(
-        equations, configuration, event.name, impacts
-    )
-
-
-def _configurations(equations: EquationsOfMotion) -> Configurations:
-    configurations: Configurations = equations.configurations
-    return configurations
+    configurations: Sequence[Any]
 
 
 def _activate(
     whole: Difference, configuration: Configuration, neighbors: Sequence[Configuration]
-) -> Difference:
-    """Return the difference of the equations of the active parts."""
+) -> Phase:
+    """Return the phase with these active parts of the run and of the neighboring models."""
     models = [x.equations for x in neighbors]
     if not all(has_same_patterns(e.structure, models[0].structure) for e in models):
         raise BeamdaeError(
             f"{derivative_call()}: {whole.name} changes the structure of the equations after an "
-            "event; "
-            "use differences of runs for this parameter."
+            "event; use differences of runs for this parameter."
         )
-    return whole.between(configuration.equations, models)
+    return Phase(whole, whole.between(configuration.equations, models), neighbors)
 
 
 @dataclass(frozen=True)
