@@ -51,7 +51,6 @@ from beamdae.analysis.continuation.engine import (
 from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
 from beamdae.analysis.eigenproblems.linearized_equations import (
     LinearizedEquations,
-    linearize_in_mixed_form,
 )
 from beamdae.analysis.sensitivities.neighbors import (
     CENTRAL,
@@ -61,16 +60,13 @@ from beamdae.analysis.sensitivities.neighbors import (
 from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations import tangents
 from beamdae.equations.formulations.compliant_equations import introduce_resultants
 from beamdae.equations.formulations.static_equations import (
     StaticEquations,
     find_idle_forces,
 )
-from beamdae.equations.starts.steady_rotation import rotating_state
 from beamdae.linear.factorizations import invert_to_power_of_two
 from beamdae.parts.mechanism import EQUILIBRIUM
-from beamdae.parts.rotation import Rotation
 
 Array = np.ndarray
 
@@ -170,26 +166,6 @@ class Eigenpair:
 def apply_pencil(lin: LinearizedEquations, value: complex, z: Array) -> Array:
     """Return A(l) z."""
     return np.asarray(sum(value**k * (x @ z) for k, x in enumerate(lin.pencil.matrices)))
-
-
-def linearize_at(
-    e: EquationsOfMotion,
-    tangent_at: Callable[..., tangents.Tangent],
-    x: Array,
-    idle: Array | None = None,
-    rotation: Rotation | None = None,
-) -> LinearizedEquations:
-    """Return the equations in mixed form about x = (q, multipliers, stiff forces).
-
-    The state is at rest, or in steady rotation. `tangent_at` is a function of a state and a
-    conversion of the equations that returns their matrices; see `introduce_resultants` for `idle`.
-    """
-    q, lam = np.split(x, [e.n])
-    if rotation is not None:
-        state = rotating_state(e, rotation, q, lam)
-    else:
-        state = State(q, np.zeros(e.n), np.zeros(e.n), lam)
-    return linearize_in_mixed_form(e, state, tangent_at, idle)
 
 
 @dataclass(frozen=True)
