@@ -275,8 +275,24 @@ class FitProblem:
         BeamdaeError
             If a run fails or cannot be differentiated.
         """
-        times = self._shift_times(values)
-        runs = {x: self._run(x, values, times) for x in self.data.experiments}
+        times, runs = self._times.copy(), {}
+        for shift, value in zip(self.shifts, values[len(self.names) :], strict=True):
+            times[shift.rows] -= value
+        fitted = dict(zip(self.names, values.tolist(), strict=False))
+        for experiment, t_end in self._t_end.items():
+            # Bounds of shifts hold up to rounding.
+            needed = np.unique(np.clip(times[self._rows[experiment]], 0.0, t_end))
+            settings = {"parameters": self._settings[experiment] | fitted, "start": self.start}
+            # The result evaluates the warnings of the last run.
+            with silenced():
+                run = differentiate_run(self.model, self.names, self.integrator, t_end, **settings)
+                if run.solution.trajectory.end < t_end:
+                    raise BeamdaeError(
+                        f"fit: the run of {self.model.name} was {run.solution.status.sentence}, "
+                        f"before the last data at {needed[-1]:g} s; omit later data, or do not "
+                        "stop the run."
+                    )
+                runs[experiment] = run.at_times(needed)
         model, derivatives = np.empty(self.count), np.zeros((self.count, len(self.variables)))
         for source, rows in self.data.rows:
             run = runs[source.experiment]
@@ -289,7 +305,31 @@ class FitProblem:
                 if shift.rows[rows.start]:
                     rates = differentiate_column(run.solution, source.header, times[rows])
                     derivatives[rows, j] = -rates
-        return self._project(values, runs, model, derivatives)
+        # Reactions that grow without bounds are left out: their residuals are zero.
+        is_missing, count = np.isnan(model), len(self._scaled)
+        if is_missing.all():
+            raise BeamdaeError(
+                "fit: reactions of the model grow without bounds at all times of the data; choose "
+                "other first values in parameters, or other columns."
+            )
+        weights, model = np.where(is_missing, 0.0, self.weights), np.nan_to_num(model)
+        scaled, offset = self._linear_rows[:count], self._linear_rows[count:]
+        has_scale = scaled.any(axis=0)
+        matrix = (np.vstack([scaled * model, offset]) * weights).T
+        remainder = (self._values - np.where(has_scale, 0.0, model)) * weights
+        # Columns of equal size, so that the rank does not depend on units.
+        sizes = np.linalg.norm(matrix, axis=0)
+        sizes = np.where(sizes == 0.0, 1.0, sizes)
+        inverse = np.linalg.pinv(matrix / sizes) / sizes[:, None]
+        coefficients = inverse @ remainder
+        residuals = matrix @ coefficients - remainder
+        weighted = np.where(is_missing[:, None], 0.0, derivatives * weights[:, None])
+        scales = np.where(has_scale, coefficients[:count] @ scaled, 1.0)
+        effects = weighted * scales[:, None]
+        projected = effects - matrix @ (inverse @ effects)
+        projected -= inverse[:count].T @ ((scaled * residuals) @ weighted)
+        jacobian = np.hstack([effects, matrix])
+        return Evaluation(values, runs, residuals, coefficients, projected, jacobian)
 
     def repeat(self, values: Array, method: Integrator, change: Callable[[Any], Any]) -> Evaluation:
         """Return `evaluate` by runs of changed mechanisms with another integrator.
@@ -306,72 +346,6 @@ class FitProblem:
     def recorded_values(self, evaluation: Evaluation) -> Array:
         """Return the recorded values (N,) that an evaluation predicts."""
         return self._values + evaluation.residuals / self.weights
-
-    def _scale_rows(self, coefficients: Array) -> Array:
-        """Return the scale of each of the data, (N,)."""
-        count = len(self._scaled)
-        scales = coefficients[:count] @ self._linear_rows[:count]
-        return np.where(self._linear_rows[:count].any(axis=0), scales, 1.0)
-
-    def _shift_times(self, values: Array) -> Array:
-        """Return the times (N,) of the runs at which they are compared with the data."""
-        times = self._times.copy()
-        for shift, value in zip(self.shifts, values[len(self.names) :], strict=True):
-            times[shift.rows] -= value
-        return times
-
-    def _parameters(self, experiment: str, values: Array) -> dict[str, Any]:
-        fitted = zip(self.names, values.tolist(), strict=False)
-        return self._settings[experiment] | dict(fitted)
-
-    def _run(self, experiment: str, values: Array, times: Array) -> Sensitivities:
-        t_end = self._t_end[experiment]
-        # Bounds of shifts hold up to rounding.
-        needed = np.unique(np.clip(times[self._rows[experiment]], 0.0, t_end))
-        settings = {"parameters": self._parameters(experiment, values), "start": self.start}
-        # The result evaluates the warnings of the last run.
-        with silenced():
-            run = differentiate_run(self.model, self.names, self.integrator, t_end, **settings)
-            if run.solution.trajectory.end < t_end:
-                raise BeamdaeError(
-                    f"fit: the run of {self.model.name} was {run.solution.status.sentence}, before "
-                    f"the last data at {needed[-1]:g} s; omit later data, or do not stop the run."
-                )
-            return run.at_times(needed)
-
-    def _project(
-        self,
-        values: Array,
-        runs: Mapping[str, Sensitivities],
-        model: Array,
-        derivatives: Array,
-    ) -> Evaluation:
-        """Solve for scales and offsets, and differentiate the remaining residuals.
-
-        Reactions that grow without bounds are left out: their residuals are zero.
-        """
-        is_missing, count = np.isnan(model), len(self._scaled)
-        if is_missing.all():
-            raise BeamdaeError(
-                "fit: reactions of the model grow without bounds at all times of the data; choose "
-                "other first values in parameters, or other columns."
-            )
-        weights, model = np.where(is_missing, 0.0, self.weights), np.nan_to_num(model)
-        scaled, offset = self._linear_rows[:count], self._linear_rows[count:]
-        matrix = (np.vstack([scaled * model, offset]) * weights).T
-        remainder = (self._values - np.where(scaled.any(axis=0), 0.0, model)) * weights
-        # Columns of equal size, so that the rank does not depend on units.
-        sizes = np.linalg.norm(matrix, axis=0)
-        sizes = np.where(sizes == 0.0, 1.0, sizes)
-        inverse = np.linalg.pinv(matrix / sizes) / sizes[:, None]
-        coefficients = inverse @ remainder
-        residuals = matrix @ coefficients - remainder
-        weighted = np.where(is_missing[:, None], 0.0, derivatives * weights[:, None])
-        effects = weighted * self._scale_rows(coefficients)[:, None]
-        projected = effects - matrix @ (inverse @ effects)
-        projected -= inverse[:count].T @ ((scaled * residuals) @ weighted)
-        jacobian = np.hstack([effects, matrix])
-        return Evaluation(values, runs, residuals, coefficients, projected, jacobian)
 
 
 def unexplained_share(problem: FitProblem, evaluation: Evaluation) -> float:

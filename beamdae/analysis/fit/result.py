@@ -15,7 +15,7 @@ from scipy.special import chdtr, chdtrc, stdtrit
 
 from beamdae import deferred
 from beamdae.analysis.fit.data import COLUMN, EXPERIMENT, SIGMA, VALUE
-from beamdae.analysis.fit.problem import Evaluation, FitProblem, Scaling, find_correlation
+from beamdae.analysis.fit.problem import FitProblem, Scaling, find_correlation
 from beamdae.analysis.fit.profile import ProfileLikelihood, trace_profile
 from beamdae.analysis.fit.search import Information, SearchResult, find_covariance, local_search
 from beamdae.analysis.fit.sensors import OFFSET, SCALE, SHIFT
@@ -52,21 +52,6 @@ _NORMAL_DEVIATION = 1.4826  # standard deviation of normal noise by the median o
 _MAX_NAMED_OUTLIERS = 3
 # Share of chi-square of outliers that explain a large value.
 _MIN_OUTLIERS_SHARE = 0.5
-
-
-def check_bounds(problem: FitProblem, scaling: Scaling, search: SearchResult) -> Iterator[str]:
-    """Yield a warning for each variable at a bound."""
-    values = search.evaluation.values
-    for k in np.flatnonzero(search.at_bounds):
-        name, distances = problem.variables[k], [abs(x[k] - values[k]) for x in scaling.bounds]
-        is_upper = distances[1] < distances[0]
-        side, beyond = ("upper", "larger") if is_upper else ("lower", "smaller")
-        bound = format_with_unit(float(scaling.bounds[int(is_upper)][k]), problem.units[name])
-        yield (
-            f"{name} is at its {side} bound {bound} and has no standard deviation; those of other "
-            f"estimates hold it there. Widen the bounds if {beyond} values are possible (of a "
-            f"shift, omit earlier data), or leave {name} out of the fit."
-        )
 
 
 def check_residuals(
@@ -143,26 +128,6 @@ def _name_outliers(problem: FitProblem, is_outlier: Array) -> Iterator[str]:
                 "robust standard deviations from the model, which may shift the estimates; if more "
                 "accurate runs leave them there, replace wrong values by NaN, and fit again."
             )
-
-
-def check_errors(
-    evaluation: Evaluation, errors: Any, sigma: float, residuals: Array
-) -> Iterator[str]:
-    """Yield a warning if errors of the runs change estimates by over 0.4 standard deviations.
-
-    `sigma` is the estimated factor of the standard deviations of the data, in which `residuals` are
-    given.
-    """
-    values = evaluation.values
-    change = evaluation.projected_jacobian @ (errors.companions[: len(values)] - values)
-    shift = float(np.linalg.norm(change)) / sigma
-    # Residuals far above sigma, perhaps in a wrong unit, are no errors of the steps.
-    if shift > _MAX_SHIFT * max(1.0, float(np.sqrt(np.mean(residuals**2)))):
-        aim = errors.largest * _AIM_OF_SHIFT / shift
-        yield (
-            f"The estimates would change by up to {shift:.2g} standard deviations in "
-            f"{errors.refined}; use {errors.recommend(aim)}."
-        )
 
 
 # Share of the squares of the residuals, without those of the noise of a given sigma, that unknown
@@ -648,14 +613,50 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
         sigma = max(float(np.sqrt(end.chi_square / freedom)), rounding)
     whole, information, covariance = find_covariance(problem, scaling, end, search.at_bounds, sigma)
     undetermined = whole.describe_undetermined(values, problem.units) if search.explains else []
-    status, sentences, errors = _check(problem, scaling, search, sigma)
+    status, residuals, errors = search.status, end.residuals / sigma, None
+    sentences = []
+    for k in np.flatnonzero(search.at_bounds):
+        name, distances = problem.variables[k], [abs(x[k] - end.values[k]) for x in scaling.bounds]
+        is_upper = distances[1] < distances[0]
+        side, beyond = ("upper", "larger") if is_upper else ("lower", "smaller")
+        bound = format_with_unit(float(scaling.bounds[int(is_upper)][k]), problem.units[name])
+        sentences.append(
+            f"{name} is at its {side} bound {bound} and has no standard deviation; those of other "
+            f"estimates hold it there. Widen the bounds if {beyond} values are possible (of a "
+            f"shift, omit earlier data), or leave {name} out of the fit."
+        )
+    # Data without noise are computed by runs that are as accurate.
+    is_computed = end.chi_square <= problem.rounding and not problem.data.is_sigma_known
+    try:
+        if not search.explains:
+            causes = suggest_sensors(problem, scaling, search)
+            advice = (
+                "check signs, units and times of the data and start=, or start from other values"
+            )
+            status = Status("limited", f"{status.sentence}; {causes}{advice}")
+        elif status.success or not search.failures:
+            sentences += check_residuals(problem, scaling, search, residuals)
+        if search.explains and status.kind != "interrupted" and not is_computed:
+            errors = deferred.module("accuracy.derivatives").measure_fit(problem, end)
+            shifts = errors.companions[: len(end.values)] - end.values
+            shift = float(np.linalg.norm(end.projected_jacobian @ shifts)) / sigma
+            # Residuals far above sigma, perhaps in a wrong unit, are no errors of the steps.
+            if shift > _MAX_SHIFT * max(1.0, float(np.sqrt(np.mean(residuals**2)))):
+                aim = errors.largest * _AIM_OF_SHIFT / shift
+                sentences.append(
+                    f"The estimates would change by up to {shift:.2g} standard deviations in "
+                    f"{errors.refined}; use {errors.recommend(aim)}."
+                )
+    except KeyboardInterrupt:
+        acknowledge()
+        status = Status("interrupted", "interrupted while the end of the search was checked")
     mean_squares = (data[SIGMA] ** 2).groupby(data[COLUMN], sort=False).mean()
     fit = Fit(
         parameters={x: values[x] for x in problem.names},
         sensors={x: y for x, y in values.items() if x not in problem.names},
         covariance=covariance,
         sensitivities=dict(end.runs),
-        residuals=end.residuals / sigma,
+        residuals=residuals,
         sigma={str(x): sigma * float(y) ** 0.5 for x, y in mean_squares.items()},
         is_sigma_known=problem.data.is_sigma_known,
         evaluations=search.evaluations,
@@ -672,30 +673,3 @@ def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, star
     if errors is not None:
         vars(fit)["errors"] = errors
     return fit
-
-
-def _check(
-    problem: FitProblem, scaling: Scaling, search: SearchResult, sigma: float
-) -> tuple[Status, list[str], Any]:
-    """Return the status of a fit, the warnings of the search, and measured errors or None."""
-    end, status = search.evaluation, search.status
-    residuals, errors = end.residuals / sigma, None
-    sentences = list(check_bounds(problem, scaling, search))
-    try:
-        if not search.explains:
-            causes = suggest_sensors(problem, scaling, search)
-            advice = (
-                "check signs, units and times of the data and start=, or start from other values"
-            )
-            return Status("limited", f"{status.sentence}; {causes}{advice}"), sentences, errors
-        if status.success or not search.failures:
-            sentences += check_residuals(problem, scaling, search, residuals)
-        # Data without noise are computed by runs that are as accurate.
-        is_computed = end.chi_square <= problem.rounding and not problem.data.is_sigma_known
-        if status.kind != "interrupted" and not is_computed:
-            errors = deferred.module("accuracy.derivatives").measure_fit(problem, end)
-            sentences += check_errors(end, errors, sigma, residuals)
-    except KeyboardInterrupt:
-        acknowledge()
-        status = Status("interrupted", "interrupted while the end of the search was checked")
-    return status, sentences, errors
