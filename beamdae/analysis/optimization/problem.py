@@ -24,7 +24,6 @@ from beamdae.analysis.optimization.quantities import (
     as_quantity,
 )
 from beamdae.analysis.parameter_bounds import LOG_ORIGIN, ParameterScales, read_bounds
-from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
     list_first,
@@ -270,10 +269,6 @@ class DesignProblem:
         """1 for upper limits, -1 for lower ones, (C,)."""
         return np.array([x.sign for x in self.limits], float)
 
-    def scaled_objective(self, values: Array) -> float:
-        """Return the scaled objective for values (1 + C,) of a design."""
-        return float(values[0] / self.scales[0])
-
     def margins(self, values: Array) -> Array:
         """Return the scaled margins (C,) of the limits; negative if these are violated."""
         bounds = np.array([x.bound for x in self.limits])
@@ -319,10 +314,28 @@ class DesignProblem:
         return replace(self, flat=self._move(values))
 
     def units_of(self, analyses: Sequence[Any]) -> list[str]:
-        """Return the units of the quantities, given the results of analyses; "" if unknown."""
-        equations = next((x.equations for x in analyses if hasattr(x, "equations")), None)
-        known = {} if equations is None else _list_column_units(equations)
-        return [quantity.find_unit(known) for quantity in self.quantities]
+        """Return the units of the quantities, given the results of analyses; "" if unknown.
+
+        Raises
+        ------
+        BeamdaeError
+            If a limit is in a unit of another quantity.
+        """
+        known: dict[str, str] = {}
+        if equations := next((x.equations for x in analyses if hasattr(x, "equations")), None):
+            headers = [x for observable in equations.observables for x in observable.headers]
+            known = {variable.name: variable.unit for variable in equations.coordinates}
+            known |= {name: split_unit(x)[1] for x in headers for name in (x, split_unit(x)[0])}
+        units = [quantity.find_unit(known) for quantity in self.quantities]
+        for limit, unit in zip(self.limits, units[1:], strict=True):
+            given, actual = parse_unit(limit.unit), parse_unit(unit)
+            if limit.unit and (given is None or actual is None or given[1] != actual[1]):
+                reason = f"is in {unit}" if unit else "has no known unit"
+                raise BeamdaeError(
+                    f"{_NAME}: the limit of {limit.quantity.label} is in {limit.unit}, but the "
+                    f"quantity {reason}; give the limit as a number in SI units."
+                )
+        return units
 
     def parameters(self, values: Array) -> dict[str, Any]:
         """Return all parameters of the model for values (k,) of the numbers."""
@@ -419,18 +432,6 @@ def create_problem(
     return DesignProblem(flat, goal, limits, lower, upper, settings, scales, ratios)
 
 
-def require_units(problem: DesignProblem, units: Sequence[str]) -> None:
-    """Reject limits in units of other quantities, given the units of the limited quantities."""
-    for limit, unit in zip(problem.limits, units, strict=True):
-        given, known = parse_unit(limit.unit), parse_unit(unit)
-        if limit.unit and (given is None or known is None or given[1] != known[1]):
-            reason = f"is in {unit}" if unit else "has no known unit"
-            raise BeamdaeError(
-                f"{_NAME}: the limit of {limit.quantity.label} is in {limit.unit}, but the "
-                f"quantity {reason}; give the limit as a number in SI units."
-            )
-
-
 def group_by_analysis(
     leaves: Iterable[AnalysisQuantity],
 ) -> dict[tuple[str, ...], list[AnalysisQuantity]]:
@@ -439,10 +440,3 @@ def group_by_analysis(
     for leaf in leaves:
         groups.setdefault(leaf.analysis, []).append(leaf)
     return groups
-
-
-def _list_column_units(equations: EquationsOfMotion) -> dict[str, str]:
-    """Return the units of coordinates and observed columns by name and by header."""
-    headers = [x for observable in equations.observables for x in observable.headers]
-    units = {variable.name: variable.unit for variable in equations.coordinates}
-    return units | {name: split_unit(x)[1] for x in headers for name in (x, split_unit(x)[0])}

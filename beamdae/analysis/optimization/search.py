@@ -12,7 +12,6 @@ from beamdae.analysis.optimization.problem import (
     FEASIBILITY_TOLERANCE,
     DesignProblem,
     Linearization,
-    require_units,
 )
 from beamdae.analysis.optimization.solvers import Method, SmoothProblem, relax_limits, solve
 from beamdae.analysis.parameter_bounds import draw_starts
@@ -158,7 +157,6 @@ class Search:
         problem = self._problem
         first, most = problem.design(problem.first), self._settings.max_evaluations
         units = tuple(problem.units_of(first.results))
-        require_units(problem, units[1:])
         x = problem.variables.variables(problem.first)
         trial = self._known[x.tobytes()] = Trial(problem.first, first.values)
         facts: dict[str, Any] = {"multipliers": np.full(len(problem.limits), np.nan)}
@@ -237,7 +235,7 @@ class Search:
         if trial.failure:
             return np.inf, np.zeros(len(problem.ratios))
         margins = problem.log_margins(problem.margins(trial.values))[0]
-        return problem.scaled_objective(trial.values), margins
+        return float(trial.values[0] / problem.scales[0]), margins
 
     def _gradients(self, x: Array) -> tuple[Array, Array]:
         """Return the derivatives of the function to minimize and of the margins.
