@@ -186,7 +186,7 @@ class Direction(Neighbors):
     def of_unknowns(cls, point: Point, change: Array) -> Direction:
         """Return a direction of x and mu at a point."""
         step = _MOTION / (point.problem.measure(change[:-1]) or 1.0)
-        models = [(point.problem, prescribe_parameter)] * len(CENTRAL.steps)
+        models = [(point.problem, prescribe_parameter)] * len(CENTRAL)
         return cls(models, CENTRAL, step, change)
 
     def differentiate(

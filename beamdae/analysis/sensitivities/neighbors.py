@@ -79,53 +79,6 @@ def _weigh(steps: tuple[float, ...], order: int) -> Array:
     return np.linalg.solve(np.vander(steps, increasing=True).T, np.eye(len(steps))[order])
 
 
-class Stencil(NamedTuple):
-    """Values of a parameter in differences.
-
-    Attributes
-    ----------
-    steps
-        Values of the parameter, relative to that of the model, in multiples of the difference.
-    """
-
-    steps: tuple[float, ...]
-
-    @property
-    def _error_weights(self) -> Array:
-        """Weights of the deviation of a derivative on one side, times the smallest step."""
-        step = min(map(abs, self.steps))
-        side = [x for x in self.steps if x * self.steps[-1] > 0.0 and abs(x) <= 2.0 * step]
-        one_sided = dict(zip(side, _weigh((0.0, *side), 1)[1:], strict=True))
-        weights = np.array([one_sided.get(x, 0.0) for x in self.steps])
-        return step * (weights - _weigh(self.steps, 1))
-
-    def assess(self, changes: Array, sizes: Array, rounding: Array) -> float:
-        """Return the largest error of one-sided derivatives, relative to the largest change.
-
-        It is infinite if all changes are rounding errors, and zero if nothing changes.
-
-        Parameters
-        ----------
-        changes
-            Changes of all numbers in the neighboring models, (models, k).
-        sizes, rounding
-            Magnitudes of the numbers of the same kind, and bounds of rounding errors, (k,) each.
-        """
-        change = np.abs(changes).max(axis=0)
-        is_significant = change > _MIN_RESOLVED_CHANGE * rounding
-        if not np.any(is_significant):
-            return math.inf if np.any(change) else 0.0
-        sizes = np.maximum(np.maximum(sizes, change), np.finfo(float).tiny)
-        errors = np.maximum(np.abs(self._error_weights @ changes) - rounding, 0.0)
-        largest = [np.max(x / sizes, where=is_significant, initial=0.0) for x in (errors, change)]
-        return float(largest[0] / largest[1])
-
-    def find_kinks(self, changes: Array, rounding: Array) -> Array:
-        """Return True for numbers that are far from their interpolated values, (k,)."""
-        errors = np.abs(_weigh(self.steps, 0) @ changes)
-        return errors > _MIN_KINK * np.abs(changes).max(axis=0) + rounding
-
-
 class NumericModel(Protocol):
     """Model at the values of its parameters, such as a model function with these defaults."""
 
@@ -145,8 +98,11 @@ class NumericModel(Protocol):
         """Return the mechanism for other values of some parameters."""
 
 
-CENTRAL = Stencil((-2.0, -1.0, 1.0, 2.0))
-STENCILS = CENTRAL, Stencil((1.0, 2.0, 3.0, 4.0)), Stencil((-1.0, -2.0, -3.0, -4.0))
+# Values of a parameter in differences, relative to that of the model, in multiples of the
+# difference.
+Stencil = tuple[float, ...]
+CENTRAL: Stencil = (-2.0, -1.0, 1.0, 2.0)
+STENCILS: tuple[Stencil, ...] = CENTRAL, (1.0, 2.0, 3.0, 4.0), (-1.0, -2.0, -3.0, -4.0)
 
 
 @dataclass(frozen=True)
@@ -168,11 +124,11 @@ class Neighbors:
     @property
     def steps(self) -> list[float]:
         """Distances of the models."""
-        return [x * self.delta for x in self.stencil.steps]
+        return [x * self.delta for x in self.stencil]
 
     def _combine(self, values: Iterable[Any], order: int) -> Any:
         """Return the value or the derivative at the point, up to multiples of the first value."""
-        weights = _weigh(self.stencil.steps, order) / self.delta**order
+        weights = _weigh(self.stencil, order) / self.delta**order
         first, *others = values
         return sum(w * (x - first) for w, x in zip(weights[1:].tolist(), others, strict=True))
 
@@ -366,7 +322,8 @@ class Trial(NamedTuple):
     difference
         Neighboring models.
     error
-        See `Stencil.assess`.
+        Largest error of one-sided derivatives, relative to the largest change; infinite if all
+        changes are rounding errors, and zero if nothing changes.
     change
         Largest change of a number, relative to the larger of 1 and the numbers of the same kind.
     has_kink
@@ -404,9 +361,7 @@ def try_step(
     """
     for stencil in stencils:
         try:
-            neighbors = tuple(
-                assemble(build_neighbor(model, change(x * delta))) for x in stencil.steps
-            )
+            neighbors = tuple(assemble(build_neighbor(model, change(x * delta))) for x in stencil)
         except BeamdaeError as problem:
             rejection = problem
             continue
@@ -417,12 +372,27 @@ def try_step(
         here, n_p = numbers_and_start(base), len(base.p)
         sizes, rounding = sizes_and_rounding(base)
         changes = np.array([numbers_and_start(e) for e in neighbors]) - here
-        error, largest = stencil.assess(changes, sizes, rounding), np.abs(changes).max(axis=0)
+        largest = np.abs(changes).max(axis=0)
+        is_significant, error = largest > _MIN_RESOLVED_CHANGE * rounding, 0.0
+        if np.any(is_significant):
+            # Deviation of the derivative on one side, times the smallest step.
+            step = min(map(abs, stencil))
+            side = [x for x in stencil if x * stencil[-1] > 0.0 and abs(x) <= 2.0 * step]
+            one_sided = dict(zip(side, _weigh((0.0, *side), 1)[1:], strict=True))
+            weights = np.array([one_sided.get(x, 0.0) for x in stencil]) - _weigh(stencil, 1)
+            errors = np.maximum(np.abs(step * weights @ changes) - rounding, 0.0)
+            scales = np.maximum(np.maximum(sizes, largest), np.finfo(float).tiny)
+            worst, most = (np.max((x / scales)[is_significant]) for x in (errors, largest))
+            error = float(worst / most)
+        elif np.any(largest):
+            error = math.inf
         # A parameter with a tiny value may be added to coordinates, such as 1e-8 m to 1 m.
         is_lost = (largest[n_p:] > 0.0) & (largest[n_p:] <= rounding[n_p:])
         if np.any(is_lost) and delta < _ROUNDING * np.max(sizes[n_p:]):
             error = math.inf
-        kinks = stencil.find_kinks(changes[:, :n_p], rounding[:n_p])
+        # Deviations from values that are interpolated between the neighbors.
+        gaps = np.abs(_weigh(stencil, 0) @ changes[:, :n_p])
+        kinks = gaps > _MIN_KINK * largest[:n_p] + rounding[:n_p]
         relative_change = float(np.max(largest / np.maximum(sizes, 1.0)))
         return Trial(difference, error, relative_change, bool(np.any(kinks)))
     raise _RejectedError(str(rejection))
@@ -435,9 +405,15 @@ def numbers_and_start(equations: EquationsOfMotion) -> Array:
 
 def sizes_and_rounding(equations: EquationsOfMotion) -> tuple[Array, Array]:
     """Return the largest magnitudes of the kinds of `numbers_and_start`, and rounding errors."""
+    largest = np.abs(equations.p)
+    terms: list[ForceTerm | ConstraintTerm] = [*equations.forces, *equations.joints]
+    for term in terms:
+        # The largest magnitude over the copies of a kernel.
+        numbers = largest[term.data].reshape((-1, term.count), order="F")
+        of_kind = np.broadcast_to(numbers.max(axis=1, keepdims=True), numbers.shape)
+        largest[term.data] = of_kind.ravel(order="F")
     motion = [np.abs(x).max(initial=0.0) for x in (equations.q0, equations.v0)]
-    sizes = [_largest_of_kind(equations), np.repeat(motion, equations.n)]
-    size = np.concatenate(sizes)
+    size = np.append(largest, np.repeat(motion, equations.n))
     magnitudes = np.abs(numbers_and_start(equations))
     return size, _ROUNDING * magnitudes + _ROUNDING_OF_KIND * np.maximum(size, 1.0)
 
@@ -498,18 +474,6 @@ def forms_of(equations: EquationsOfMotion) -> list[tuple[int, int]]:
     return [(x.operator.shape[0], x.data.stop - x.data.start) for x in terms]
 
 
-def _largest_of_kind(equations: EquationsOfMotion) -> Array:
-    """Return for each number in p the largest magnitude over the copies of its kernel."""
-    sizes = np.abs(equations.p)
-    terms: list[ForceTerm | ConstraintTerm] = [*equations.forces, *equations.joints]
-    for term in terms:
-        numbers = sizes[term.data].reshape((-1, term.count), order="F")
-        sizes[term.data] = np.broadcast_to(numbers.max(axis=1, keepdims=True), numbers.shape).ravel(
-            order="F"
-        )
-    return sizes
-
-
 # Parameters are searched for those that affect the same numbers if they are at least this many.
 _MIN_SEARCHED = 4
 # Largest error of the sum of the derivatives along a common change of all parameters, relative to
@@ -562,7 +526,7 @@ def difference_models(
         if not np.any(row):
             warn_without_effect(model.name, name)
         delta, models = first_difference(float(model.parameters[name])), []
-        for x in CENTRAL.steps:
+        for x in CENTRAL:
             moved = numbers_and_start(base) + x * delta * row
             p, q0, v0 = np.split(moved, [len(base.p), len(base.p) + base.n])
             models.append(replace(base, p=p, q0=q0, v0=v0))

@@ -237,9 +237,15 @@ def _differentiate_rows(
             # The path begins at the load factor zero.
             is_end = stage == path.factors.shape[1] - 1 and mu != 0.0 and kind is None
             try:
-                point = _find_point(
-                    problem, control if is_end else prescribe_parameter, q, mu, kind
-                )
+                point: RegularPoint | SingularPoint
+                if kind in (LIMIT, BRANCH):
+                    point = SingularPoint.find(problem, q, mu, kind == LIMIT)
+                else:
+                    controlled = control if is_end else prescribe_parameter
+                    x = problem.point_at(q, mu).x
+                    solution = problem.correct(controlled, controlled(x, mu).value, x, mu)
+                    kind_of_point = RegularPoint if kind is None else FlutterPoint
+                    point = kind_of_point(solution, controlled)
                 for name, direction in directions.items():
                     change = point.derivative(direction)
                     if change is not None:
@@ -262,17 +268,6 @@ def _differentiate_rows(
         )
         result[name] = factors + 0.0, q + 0.0, restored + 0.0  # no negative zeros in tables
     return result
-
-
-def _find_point(
-    problem: StaticProblem, control: Control, q: Array, mu: float, kind: str | None
-) -> RegularPoint | SingularPoint:
-    """Return the point of a path next to these positions and this load factor."""
-    if kind in (LIMIT, BRANCH):
-        return SingularPoint.find(problem, q, mu, kind == LIMIT)
-    x = problem.point_at(q, mu).x
-    point = problem.correct(control, control(x, mu).value, x, mu)
-    return RegularPoint(point, control) if kind is None else FlutterPoint(point, control)
 
 
 def _control(path: Equilibrium, equations: EquationsOfMotion, time: Array) -> Control:
@@ -411,8 +406,14 @@ def differentiate_path(
             known = {x: difference_model(model, x, path.equations, assemble) for x in names}
         differences = known or difference_models(model, names, path.equations, assemble)
         neighbors = {name: list(map(load, x.models)) for name, x in differences.items()}
-        for name in names:
-            _require_same_multipliers(name, loading, neighbors[name])
+        multipliers = [x.equations.lam_names for x in loading.systems]
+        for name, others in neighbors.items():
+            # Parameters may change which constraints are independent.
+            if any([x.equations.lam_names for x in y.systems] != multipliers for y in others):
+                raise BeamdaeError(
+                    f"{_NAME}: {name} changes the structure of the equations; use differences of "
+                    "results for this parameter."
+                )
         try:
             derivatives = _differentiate_rows(path, loading, differences, neighbors, rows)
         except CurveError as error:
@@ -433,13 +434,3 @@ def differentiate_path(
     return EquilibriumSensitivities(
         path, {x: float(model.parameters[x]) for x in names}, factors, q, lam, differences
     )
-
-
-def _require_same_multipliers(name: str, loading: Loading, neighbors: Sequence[Loading]) -> None:
-    """Reject a parameter that changes which constraints are independent."""
-    names = [x.equations.lam_names for x in loading.systems]
-    if any([x.equations.lam_names for x in other.systems] != names for other in neighbors):
-        raise BeamdaeError(
-            f"{_NAME}: {name} changes the structure of the equations; use differences of results "
-            "for this parameter."
-        )
