@@ -26,8 +26,8 @@ from beamdae.analysis.parameter_bounds import (
     draw_starts,
     read_bounds,
 )
-from beamdae.analysis.sensitivities.differentiable_run import DERIVATIVE_METHOD
 from beamdae.analysis.sensitivities.observable_derivatives import differentiate_column
+from beamdae.analysis.sensitivities.run_chain import DERIVATIVE_METHOD
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities, differentiate_run
 from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,
@@ -147,41 +147,34 @@ class FitProblem:
         self.integrator = require_integrator("fit", method)
         self.parameters = complete_parameters("fit", model, parameters)
         measured = read_measurements("fit", data, data_columns)
-        changes = self._read_experiments(experiments, measured.experiments)
-        self._settings = {x: self.parameters | y for x, y in changes.items()}
-        headers = {
-            x: as_equations("fit", model(**values), start).observed_headers
-            for x, values in self._settings.items()
-        }
-        fitted = read_fit_data(measured, headers, sigma)
-        self._set_data(fitted, read_sensors(fitted, scale, offset, shift))
-        if self.count < (unknowns := len(self.estimated)):
-            raise BeamdaeError(
-                f"fit: {self.count} data do not determine {unknowns} parameters; add data or fit "
-                "fewer parameters."
-            )
-
-    def _read_experiments(
-        self, experiments: Any, known: tuple[str, ...]
-    ) -> dict[str, dict[str, Any]]:
-        """Return the values of parameters that each experiment changes."""
-        what = "a dict of values of parameters by experiment"
+        known, what = measured.experiments, "a dict of values of parameters by experiment"
         given = {} if experiments is None else experiments
-        given = require_mapping("fit", "experiments", given, what)
-        for name, values in given.items():
+        self._settings = dict.fromkeys(known, self.parameters)
+        for name, entries in require_mapping("fit", "experiments", given, what).items():
             if name not in known:
                 raise BeamdaeError(
                     f"fit: experiments contains {short_repr(name)}, for which there are no data; "
                     f"the data name {', '.join(filter(None, known)) or 'no experiments'}."
                 )
-            values = require_mapping("fit", f"experiments of {name}", values, "values by name")
+            values = require_mapping("fit", f"experiments of {name}", entries, "values by name")
             for fitted in set(values) & set(self.names):
                 raise BeamdaeError(
                     f"fit: the experiment {name} sets {fitted}, which is in by; remove it from "
                     "one of them."
                 )
-            given[name] = {x: self.model.complete({x: values[x]})[x] for x in values}
-        return {name: given.get(name, {}) for name in known}
+            changes = {x: model.complete({x: values[x]})[x] for x in values}
+            self._settings[name] = self.parameters | changes
+        headers = {
+            x: as_equations("fit", model(**values), start).observed_headers
+            for x, values in self._settings.items()
+        }
+        table = read_fit_data(measured, headers, sigma)
+        self._set_data(table, read_sensors(table, scale, offset, shift))
+        if self.count < (unknowns := len(self.estimated)):
+            raise BeamdaeError(
+                f"fit: {self.count} data do not determine {unknowns} parameters; add data or fit "
+                "fewer parameters."
+            )
 
     @property
     def first_values(self) -> Array:

@@ -108,18 +108,17 @@ class ModeSensitivities(SensitivityResult):
 
     @property
     def _columns(self) -> dict[str, dict[str, Array]]:
-        return {name: self._differentiate_properties(name) for name in self.parameters}
-
-    def _differentiate_properties(self, parameter: str) -> dict[str, Array]:
-        value, rate = self.modes.eigenvalues, self.eigenvalues[parameter]
+        value, result = self.modes.eigenvalues, {}
         size = np.where(value == 0.0, 1.0, np.abs(value))
-        growth = np.real(value.conj() * rate) / size
-        return {
-            # No negative zeros in tables.
-            _FREQUENCY: np.sign(value.imag) * rate.imag / (2.0 * np.pi) + 0.0,
-            _DAMPING_RATIO: -rate.real / size + value.real * growth / size**2 + 0.0,
-            _GROWTH_RATE: rate.real + 0.0,
-        }
+        for name, rate in self.eigenvalues.items():
+            growth = np.real(value.conj() * rate) / size
+            result[name] = {
+                # No negative zeros in tables.
+                _FREQUENCY: np.sign(value.imag) * rate.imag / (2.0 * np.pi) + 0.0,
+                _DAMPING_RATIO: -rate.real / size + value.real * growth / size**2 + 0.0,
+                _GROWTH_RATE: rate.real + 0.0,
+            }
+        return result
 
 
 @single_threaded

@@ -14,18 +14,25 @@ doi:10.1016/S0168-9274(98)00125-1.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import nullcontext
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
+from beamdae import deferred
 from beamdae.analysis.sensitivities.implicit import (
     differentiate_equilibrium,
     find_unique_equilibrium,
 )
 from beamdae.analysis.sensitivities.linear_steps import Matrices, differentiate_steps
-from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call
+from beamdae.analysis.sensitivities.neighbors import (
+    Difference,
+    NumericModel,
+    derivative_call,
+    difference_models,
+)
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_columns,
     group_times,
@@ -45,18 +52,25 @@ from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.reduced_equations import ReducedEquations, keep_constraints
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.equations.structure import has_same_patterns
-from beamdae.errors import BeamdaeError
-from beamdae.integrators import GeneralizedAlpha, Radau
+from beamdae.errors import (
+    BeamdaeError,
+    require_choice,
+    short_repr,
+    warn_user,
+    warnings_are_ignored,
+)
+from beamdae.integrators import Auto, GeneralizedAlpha, Integrator, Radau
 from beamdae.integrators.events.switching import apply_impact
 from beamdae.integrators.reaction_balance import bound_reactions, remove_redundant
+from beamdae.interrupts import keep_result
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
 from beamdae.parts.events import select_impacts
-from beamdae.parts.mechanism import AS_DRAWN
+from beamdae.parts.mechanism import AS_DRAWN, require_start
 from beamdae.results.outcome import EventRecord
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Interval, Trajectory
-from beamdae.simulation import as_equations
+from beamdae.simulation import as_equations, is_unchecked, simulate, unchecked
 
 Array = np.ndarray
 
@@ -130,23 +144,6 @@ def _records_at(solution: Solution, t: float, *, stops: bool) -> list[EventRecor
             "where the derivatives do not exist; separate the two times."
         )
     return records
-
-
-def differentiate_breakpoint(difference: Difference, t: float, rounding: float) -> float:
-    """Return the derivative of the breakpoint at `t` [s]; zero if there is none.
-
-    Raises
-    ------
-    BeamdaeError
-        If breakpoints at this time move apart.
-    """
-    at = [dt for b, dt in breakpoint_derivatives(difference) if abs(b - t) <= rounding]
-    if at and max(at) != min(at):
-        raise BeamdaeError(
-            f"{derivative_call()}: {difference.name} moves one of several breakpoints at t = "
-            f"{t:g} s, where the derivatives do not exist; separate their times."
-        )
-    return at[0] if at else 0.0
 
 
 def require_inner_breakpoints(difference: Difference, trajectory: Trajectory) -> None:
@@ -479,8 +476,16 @@ class _Chain:
             solver = ConsistencySolver(before.active_equations(self._equations))
             at = State(at.q, at.v, *solver.acceleration(time, at.q, at.v))
         if event is None:
-            rounding = time_rounding(self._solution.trajectory)
-            shifts = np.array([differentiate_breakpoint(x.active, t, rounding) for x in phases])
+            rounding, shifts = time_rounding(self._solution.trajectory), np.zeros(len(phases))
+            for k, difference in enumerate(x.active for x in phases):
+                pairs = breakpoint_derivatives(difference)
+                rates = [dt for b, dt in pairs if abs(b - t) <= rounding] or [0.0]
+                if max(rates) != min(rates):
+                    raise BeamdaeError(
+                        f"{derivative_call()}: {difference.name} moves one of several breakpoints "
+                        f"at t = {t:g} s, where the derivatives do not exist; separate their times."
+                    )
+                shifts[k] = rates[0]
         else:
             number = event_number(self._equations, event.name)
             ends = dict(zip(self._differences, along, strict=True))
@@ -630,3 +635,146 @@ class RedundantConstraints:
 
     def _keep(self, equations: EquationsOfMotion) -> EquationsOfMotion:
         return keep_constraints(equations, self.reduced.independent)
+
+
+Result = TypeVar("Result")
+
+# Errors of derivatives are larger than those of the motion.
+DERIVATIVE_METHOD = Radau(rtol=1e-5)
+# With the default tolerance of 1e-6, Newton errors of runs led to errors of derivatives of up to
+# 1e-4; with this tolerance, they are limited by rounding errors.
+_NEWTON_TOLERANCE = 1e-10
+# Reason of interrupts after which only the estimate of the error is missing.
+_INTERRUPTED_ESTIMATE = "interrupted while the error of the derivatives was estimated"
+
+
+def require_differentiable_method(
+    integrator: Any, default: GeneralizedAlpha | Radau = DERIVATIVE_METHOD
+) -> GeneralizedAlpha | Radau:
+    """Return the integrator of a run that is differentiated: Radau for Auto.
+
+    Newton errors of generalized-alpha are reduced.
+
+    Raises
+    ------
+    BeamdaeError
+        If runs of the integrator cannot be differentiated.
+    """
+    method = default if integrator is None else integrator
+    if isinstance(method, Auto):
+        return Radau(**{x.name: getattr(method, x.name) for x in fields(method)})
+    if isinstance(method, Radau):
+        return method
+    if not isinstance(method, GeneralizedAlpha):
+        # A sequence of steps of variable order cannot be replayed.
+        name = type(method).__name__ if isinstance(method, Integrator) else short_repr(method)
+        raise BeamdaeError(
+            f"{derivative_call()}: runs of {name} cannot be differentiated; use Radau or "
+            "GeneralizedAlpha."
+        )
+    if method.formulation != "index3":
+        raise BeamdaeError(
+            f"{derivative_call()}: GeneralizedAlpha must have formulation='index3', got "
+            f"{short_repr(method)}."
+        )
+    return replace(method, newton_tolerance=min(method.newton_tolerance, _NEWTON_TOLERANCE))
+
+
+@dataclass(eq=False)
+class DifferentiableRun:
+    """Run of a model, and its derivatives by parameter as soon as they are needed.
+
+    Attributes
+    ----------
+    model, method
+        The model, and the integrator of the run.
+    settings
+        Further arguments of the run, see `simulate`.
+    solution
+        The run.
+    neighbors
+        Models around the values of parameters, as far as they are known.
+    """
+
+    model: NumericModel
+    method: GeneralizedAlpha | Radau
+    settings: dict[str, Any]
+    solution: Solution
+    neighbors: dict[str, Difference] = field(default_factory=dict, init=False)
+    _along: dict[str, RunDerivative] = field(default_factory=dict, init=False)
+
+    @classmethod
+    def of(
+        cls, model: Any, method: GeneralizedAlpha | Radau, start: Any = None, **settings: Any
+    ) -> Self:
+        """Integrate a model.
+
+        Raises
+        ------
+        BeamdaeError
+            If the start is a result, or the model has a sampled controller.
+        """
+        mechanism = model()
+        start = None if start is None else require_start(derivative_call(), start)
+        # Rejects sampled controllers; the run computes the start, such as an equilibrium.
+        as_equations(derivative_call(), mechanism, AS_DRAWN)
+        settings |= {"start": start, "keep_steps": True}
+        return cls(model, method, settings, simulate(mechanism, method, **settings))
+
+    def repeat(self, model: Any, method: GeneralizedAlpha | Radau) -> Self:
+        """Return the run of another model by another integrator."""
+        return self.of(model, method, **self.settings | {"progress": None, "partial": "raise"})
+
+    def require_end(self) -> None:
+        """Reject a run that did not reach its end."""
+        status = self.solution.status
+        if not status.success:
+            raise BeamdaeError(
+                f"{derivative_call()}: the run of {self.model.name} did not reach its end "
+                f"({status.sentence}); differentiate a shorter run, or change the integrator."
+            )
+
+    def differentiate(
+        self, names: Sequence[str]
+    ) -> tuple[dict[str, Difference], dict[str, RunDerivative]]:
+        """Return the models around the values of parameters, and the derivatives of the run."""
+        self.require_end()
+        differences = self.difference(names)
+        missing = {name: x for name, x in differences.items() if name not in self._along}
+        if missing:
+            self._along |= differentiate_states(self.solution, self.method, missing)
+        return differences, {x: self._along[x] for x in names}
+
+    def difference(self, names: Sequence[str]) -> dict[str, Difference]:
+        """Return the models around the values of parameters."""
+        equations = self.solution.equations
+        if missing := [x for x in names if x not in self.neighbors]:
+            assemble = assemble_neighbors(equations, self.settings["start"])
+            self.neighbors |= difference_models(self.model, missing, equations, assemble)
+        return {x: self.neighbors[x] for x in names}
+
+
+def assess_derivatives(estimate_error: Any, compute: Callable[[], Result]) -> Result:
+    """Return derivatives, and issue warnings of their errors unless these are not estimated.
+
+    Raises
+    ------
+    Interrupted
+        With the derivatives, if only the estimate was interrupted.
+    """
+    call = derivative_call()
+    require_choice(call, "estimate_error", estimate_error, (True, False))
+    with nullcontext() if estimate_error else unchecked():
+        result = compute()
+    if estimate_error:
+        with keep_result(result, call, _INTERRUPTED_ESTIMATE):
+            warn_of_errors(result)
+    return result
+
+
+def warn_of_errors(result: Any) -> None:
+    """Measure the errors of `Sensitivities` or a `Gradient`, unless this takes long, and warn."""
+    if is_unchecked() or warnings_are_ignored():
+        return
+    for sentence in deferred.module("accuracy.runs").check_errors(result, result.solution):
+        warn_user(f"{derivative_call()}: {sentence}")
