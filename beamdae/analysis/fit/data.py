@@ -47,7 +47,6 @@ _OBSERVABLE, _ROW = "observable", "row"
 ALL_COLUMNS = "*"  # name of all columns
 # Larger tables are probably raw records, whose fit would take hours and gigabytes.
 _MAX_DATA = 1_000_000
-_MAX_LISTED_COLUMNS = 5  # in a message
 _TABLES = pd.DataFrame, Mapping
 _ALLOWED = (
     "a table (DataFrame or dict) of numbers by column, a dict of such tables by experiment, or "
@@ -364,7 +363,7 @@ def match_columns(
         # Coordinates follow the observed columns.
         found = exact[:1] or [x for x in known if Header.of(x).name in names]
         if len(found) != 1:
-            hint = f" (name one of {list_first(found, _MAX_LISTED_COLUMNS)})"
+            hint = f" (name one of {list_first(found)})"
             hint = hint if found else suggest(remove_unit(name), map(remove_unit, known))
             unknown[name_in_data] = f"{name!r}{hint}"
             if name != name_in_data:
@@ -392,7 +391,7 @@ def match_columns(
         source = Source(experiment, header, name, name_in_data, float(factor))
         matched[experiment, header] = source, _read_values(part, measured.name, source, rows)
     if not matched:
-        listed = list_first(list(unknown.values()), _MAX_LISTED_COLUMNS)
+        listed = list_first(list(unknown.values()))
         example = next((x for xs in headers.values() for x in xs if x != TIME), "tip.y [m]")
         raise BeamdaeError(
             f"{part}: {measured.name} must contain values of a column of the run, got {listed}; "
@@ -513,7 +512,7 @@ def warn_of_columns(
     """
     if unknown:
         warn_user(
-            f"{part}: {measured.name} contains {list_first(unknown, _MAX_LISTED_COLUMNS)}, which "
+            f"{part}: {measured.name} contains {list_first(unknown)}, which "
             f"{reason} and {part} omits; name columns as in the table of the run, map them with "
             "data_columns=, or remove them.",
             InputWarning,

@@ -29,7 +29,7 @@ _STEP = 0.35
 _FIRST_RELATIVE_STEP = 0.05
 # Decrease of the sum of squares below that of the fit, in units of the variance, that belongs to
 # another minimum. Ends of searches are up to 0.1 standard deviations from their minimum.
-_MAX_DECREASE = 0.1
+MAX_DECREASE = 0.1
 # More points mean that the sum of squares hardly depends on the parameter.
 _MAX_POINTS = 1000
 # Increases at the first value beyond a limit, relative to the threshold, for which the limit may be
@@ -88,7 +88,7 @@ class ProfileLikelihood(HasTable):
             if np.isinf(limit)
         ]
         best = int(np.argmin(self.increases))
-        if self.increases[best] < -_MAX_DECREASE:
+        if self.increases[best] < -MAX_DECREASE:
             sentences.append(
                 f"profile: the sum of squares at {self.name} = {self.values[best]:.6g} is lower "
                 "than that of the fit, so that the interval is unreliable; repeat the fit from "

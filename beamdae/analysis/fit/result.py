@@ -16,7 +16,7 @@ from scipy.special import chdtr, chdtrc, stdtrit
 from beamdae import deferred
 from beamdae.analysis.fit.data import COLUMN, EXPERIMENT, SIGMA, VALUE
 from beamdae.analysis.fit.problem import FitProblem, Scaling, find_correlation
-from beamdae.analysis.fit.profile import ProfileLikelihood, trace_profile
+from beamdae.analysis.fit.profile import MAX_DECREASE, ProfileLikelihood, trace_profile
 from beamdae.analysis.fit.search import Information, SearchResult, find_covariance, local_search
 from beamdae.analysis.fit.sensors import OFFSET, SCALE, SHIFT
 from beamdae.analysis.parameter_bounds import describe_ends
@@ -49,7 +49,6 @@ _MIN_NOISE_COUNT = 10
 _OUTLIER_DISTANCE = 6.0
 _MAX_OUTLIER_SHARE = 0.1
 _NORMAL_DEVIATION = 1.4826  # standard deviation of normal noise by the median of its magnitude
-_MAX_NAMED_OUTLIERS = 3
 # Share of chi-square of outliers that explain a large value.
 _MIN_OUTLIERS_SHARE = 0.5
 
@@ -122,7 +121,7 @@ def _name_outliers(problem: FitProblem, is_outlier: Array) -> Iterator[str]:
     for source, rows in problem.data.rows:
         at = times[rows][is_outlier[rows]]
         if len(at):
-            named = list_first([f"{x:g} s" for x in at], _MAX_NAMED_OUTLIERS)
+            named = list_first([f"{x:g} s" for x in at])
             yield (
                 f"{source.label} has outliers at t = {named}, more than {_OUTLIER_DISTANCE:g} "
                 "robust standard deviations from the model, which may shift the estimates; if more "
@@ -189,8 +188,6 @@ def suggest_sensors(problem: FitProblem, scaling: Scaling, search: SearchResult)
 
 
 _UPPER_PROBABILITY = 0.975  # of the upper limits of intervals of 95 %
-# Searches with a larger difference of their sums of squares, in variances, have other minima.
-_MAX_SUM_DIFFERENCE = 0.1
 
 
 @read_only_data
@@ -424,7 +421,7 @@ class Fit(HasTable, HasPage):
         if self._starts is None:
             return ""
         sums = self._starts["chi-square"].dropna()
-        rounding = _MAX_SUM_DIFFERENCE * self._estimate**2, self._problem.rounding
+        rounding = MAX_DECREASE * self._estimate**2, self._problem.rounding
         limit = sums.min() + max(rounding)
         return describe_ends(sums.to_numpy(float), len(self._starts), limit, "chi-square")
 

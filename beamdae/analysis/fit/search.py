@@ -25,8 +25,6 @@ from beamdae.results.outcome import Status
 
 Array = np.ndarray
 
-# Combinations of relative changes of parameters with a larger standard deviation are undetermined.
-MAX_RELATIVE_DEVIATION = 1.0
 # Changes of parameters below this ratio to their first value are relative to the first value.
 _MIN_RELATIVE_VALUE = 1e-3
 # Parameters with smaller shares of a direction are not named.
@@ -104,7 +102,8 @@ class Information:
         for s, direction, is_dependent in zip(
             self.singular, self.directions, self.is_dependent, strict=True
         ):
-            if s * MAX_RELATIVE_DEVIATION >= 1.0 and not is_dependent:
+            # Relative changes have a standard deviation of at most 1.
+            if s >= 1.0 and not is_dependent:
                 continue
             # The largest share is positive.
             largest = direction[np.argmax(np.abs(direction))]
@@ -135,7 +134,7 @@ def find_covariance(
     sizes = np.where(is_small, typical, np.abs(estimates))
     # The covariance of the others holds fixed what is at a bound or has no effect of its own.
     effects = np.linalg.norm(jacobian * np.maximum(sizes, typical), axis=0)
-    is_fixed = effects * MAX_RELATIVE_DEVIATION < 1.0
+    is_fixed = effects < 1.0
     is_fixed[: len(at_bounds)] |= at_bounds
     whole, free = (Information(jacobian, x) for x in (sizes, np.where(is_fixed, 0.0, sizes)))
     covariance = free.covariance
@@ -159,13 +158,12 @@ _PRIOR_WEIGHT, _GUESSED_SIGMA = 1.0 / 3.0, 0.01
 _MAX_NEXT_STEP = 0.1
 # A search has explained the data if it leaves less than this share of their variation, or noise.
 _MAX_UNEXPLAINED_SHARE = 0.2
-# One that has not ends if the sum of squares does not decrease by this factor in this number of
-# evaluations.
-_STALLED_EVALUATIONS, _MAX_STALLED_RATIO = 7, 0.2
+# One that has not ends if the sum of squares does not decrease to this share in this number of
+# evaluations, which is also the largest one in parts of the data.
+_FEW_EVALUATIONS = 7
 # Shares of the time of the data, one after the other, from which first values are estimated.
 _FIRST_SHARES = (0.0625, 0.25)
-# Smallest share of the variation of the data in a part, and largest number of its evaluations.
-_MIN_PART_VARIATION, _MAX_PART_EVALUATIONS = 1e-3, 7
+_MIN_PART_VARIATION = 1e-3  # smallest share of the variation of the data in a part
 # Share of the variation of the data above which the end of a search is no solution.
 _MAX_ACCEPTED_SHARE = 0.5
 
@@ -245,9 +243,9 @@ class _Record:
                 is_ours = isinstance(failure, BeamdaeError)
                 self.failures.append(str(failure) if is_ours else format_exception(failure))
             self._sums.append(self.best.chi_square)
-            earlier = self._sums[-1 - _STALLED_EVALUATIONS :]
-            is_stalled = self._sums[-1] > _MAX_STALLED_RATIO * earlier[0]
-            is_stalled &= len(earlier) > _STALLED_EVALUATIONS
+            earlier = self._sums[-1 - _FEW_EVALUATIONS :]
+            is_stalled = self._sums[-1] > _MAX_UNEXPLAINED_SHARE * earlier[0]
+            is_stalled &= len(earlier) > _FEW_EVALUATIONS
             if is_stalled and not is_explained(self.problem, self.best):
                 raise _StalledError
         known = self._known.get(key)
@@ -338,7 +336,7 @@ def local_search(
             sizes = np.maximum(slopes, scaling.sizes)
             information = Information(end.projected_jacobian, sizes * free)
             singular = information.singular
-            limit = max(sigma / MAX_RELATIVE_DEVIATION, MIN_SINGULAR_RATIO * singular[0])
+            limit = max(sigma, MIN_SINGULAR_RATIO * singular[0])
             directions = information.directions[singular < (limit or np.inf)]
             # Orthonormal directions in the variables.
             basis, _ = np.linalg.qr((directions * sizes / slopes).T)
@@ -439,7 +437,7 @@ def _repeat_from_first_data(
             continue
         limit = max_evaluations - spent
         if share < 1.0:
-            limit = min(limit, _MAX_PART_EVALUATIONS)
+            limit = min(limit, _FEW_EVALUATIONS)
         if limit <= 0:
             break
         try:

@@ -28,6 +28,7 @@ from beamdae.analysis.sensitivities.observable_derivatives import (
     split_points,
 )
 from beamdae.analysis.sensitivities.run_chain import (
+    COPIES_OF_ROWS,
     DifferentiableRun,
     assess_derivatives,
     differentiate_event_time,
@@ -167,8 +168,6 @@ def _differentiate_observable(
 # A vibration over 16 periods had derivatives with errors of 2 % with rtol=1e-3, 0.2 % with 1e-4
 # and 0.02 % with 1e-5.
 DEFAULT_METHOD = GeneralizedAlpha(rtol=1e-4)
-# Copies of the states and of the derivatives with respect to them that are in memory at once.
-_COPIES_OF_ROWS = 3.0
 
 
 @read_only_data
@@ -372,7 +371,7 @@ class AdjointRun(DifferentiableRun):
         require_memory(
             derivative_call(),
             f"derivatives with respect to the states of {trajectory.steps} steps",
-            _COPIES_OF_ROWS * 8.0 * trajectory.steps * (3 * equations.n + equations.m),
+            COPIES_OF_ROWS * 8.0 * trajectory.steps * (3 * equations.n + equations.m),
             "use longer steps",
         )
 

@@ -59,8 +59,6 @@ from beamdae.simulation import as_equations
 Array = np.ndarray
 
 _NAME = "optimize"
-# Free motions that are computed before the first vibration, at most.
-_MAX_FREE_MOTIONS = 64
 
 as_drawn = partial(as_equations, _NAME, start=AS_DRAWN)
 
@@ -314,7 +312,7 @@ def _compute_vibrations(mechanism: Any, about: str, number: int) -> Modes:
     while True:
         modes = compute_modes(mechanism, about, count, damping=False)
         missing = number - len(list_vibrations(modes))
-        if missing <= 0 or len(modes) < count or count > number + _MAX_FREE_MOTIONS:
+        if missing <= 0 or len(modes) < count:
             return modes
         count += missing
 

@@ -91,7 +91,6 @@ FEASIBILITY_TOLERANCE = 1e-6
 _MIN_RELATIVE_VALUE = 1e-8
 _MIN_LOGARITHMIC_RATIO = 0.5  # of a value to its limit, from which on margins are logarithms
 _NAME = "optimize"
-_MAX_NAMES = 3  # of quantities in a message
 # Designs whose analyses are kept: the current one, the one of the last gradient and a trial.
 _KEPT_DESIGNS = 3
 
@@ -135,7 +134,7 @@ class Design:
         )
         gradient = np.asarray(result, float)
         if not np.all(np.isfinite(gradient)):
-            labels = list_first([x.label for x in weights], _MAX_NAMES)
+            labels = list_first([x.label for x in weights])
             raise BeamdaeError(
                 f"{_NAME}: the gradient of {labels} of {self.flat.name} is not finite; check "
                 "the model and its functions near these values of the parameters (a branch point "

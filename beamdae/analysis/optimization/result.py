@@ -34,7 +34,6 @@ Array = np.ndarray
 
 # Relative difference of objectives up to which several searches end at the same one.
 _EQUAL_OBJECTIVES = 1e-3
-_MAX_NOTES = 3  # on bounds in the short form of a result
 # Distances from a bound, in sizes of the number and relative to the bound, up to which a number is
 # at it.
 _BOUND_DISTANCE, _RELATIVE_DISTANCE = 1e-4, 1e-3
@@ -137,7 +136,7 @@ class Optimization(HasCsv, HasPage):
 
     def __repr__(self) -> str:
         notes = self.bound_notes
-        bounds = f"; {list_first(notes, _MAX_NOTES)}" if notes else ""
+        bounds = f"; {list_first(notes)}" if notes else ""
         count = len(self.constraints)
         limits = f", {format_count(count, 'constraint')}" if count else ""
         return (

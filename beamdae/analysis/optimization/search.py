@@ -37,7 +37,6 @@ _OPTIMALITY_TOLERANCE, _MIN_DECREASE = 0.05, 0.1
 # Relative difference of the maximum over a run from its assumed ratio to the smooth maximum.
 _RATIO_TOLERANCE = 1e-3
 _MAX_ROUNDS = 6  # of searches with other ratios of maxima
-_MAX_NAMES = 3  # in a sentence
 _INTERRUPTED = Status("interrupted", "interrupted before the end of all searches")
 
 
@@ -287,7 +286,7 @@ class Search:
             numbers = format_distinct(limit.bound, float(value), digits=4)
             allowed, actual = (format_with_unit(x, units[1 + worst]) for x in numbers)
             violated = [x.label for x, y in zip(problem.limits, is_violated, strict=True) if y]
-            cause = f"{list_first(violated, _MAX_NAMES)} cannot be satisfied by small changes"
+            cause = f"{list_first(violated)} cannot be satisfied by small changes"
             sentence = (
                 "no evaluated design satisfies the constraints; in the best one "
                 f"{limit.quantity.label} is {actual}, but the limit is at "

@@ -304,7 +304,7 @@ def start_adds_velocities(equations: EquationsOfMotion, time: Array) -> bool:
 Starts = Mapping[str, tuple[Array, Array]]
 
 # Copies of the derivatives of all steps that are in memory at the same time.
-_COPIES_OF_ROWS = 3.0
+COPIES_OF_ROWS = 3.0
 
 
 class RunDerivative(NamedTuple):
@@ -344,7 +344,7 @@ def differentiate_states(
     require_memory(
         derivative_call(),
         f"derivatives of {trajectory.steps} steps with respect to {len(differences)} parameters",
-        _COPIES_OF_ROWS * 8.0 * nodes * len(differences) * (3 * equations.n + equations.m),
+        COPIES_OF_ROWS * 8.0 * nodes * len(differences) * (3 * equations.n + equations.m),
         "use longer steps or fewer parameters",
     )
     solution = bound_reactions(solution)
