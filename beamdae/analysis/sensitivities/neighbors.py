@@ -126,12 +126,6 @@ class Neighbors:
         """Distances of the models."""
         return [x * self.delta for x in self.stencil]
 
-    def _combine(self, values: Iterable[Any], order: int) -> Any:
-        """Return the value or the derivative at the point, up to multiples of the first value."""
-        weights = _weigh(self.stencil, order) / self.delta**order
-        first, *others = values
-        return sum(w * (x - first) for w, x in zip(weights[1:].tolist(), others, strict=True))
-
     def along(self, function: Callable[..., Any], *changes: tuple[Any, Any]) -> Any:
         """Return the derivative of function(model, *x) along the direction.
 
@@ -142,10 +136,15 @@ class Neighbors:
             for model, step in zip(self.models, self.steps, strict=True)
         )
 
-    def combine(self, values: Iterable[Any]) -> Any:
-        """Return the derivative of a function, given its values in the models."""
+    def combine(self, values: Iterable[Any], order: int = 1) -> Any:
+        """Return the derivative of a function, given its values in the models.
+
+        If the order is 0, return its value at the point minus the first value.
+        """
+        weights = _weigh(self.stencil, order) / self.delta**order
+        first, *others = values
         # The sum of the weights is zero; differences make derivatives of constants exactly zero.
-        return self._combine(values, 1)
+        return sum(w * (x - first) for w, x in zip(weights[1:].tolist(), others, strict=True))
 
 
 @dataclass(frozen=True)
@@ -182,7 +181,7 @@ class Difference(Neighbors):
         if not is_unchanged and all(e.structure == first.structure for e in models):
             # Entries that are equal in all models are exact: tables contain integers from which
             # rows are computed, and 4 (1 - 1e-16) would select another row.
-            p = first.p + self._combine([e.p for e in models], 0)
+            p = first.p + self.combine([e.p for e in models], 0)
             base = replace(first, p=p, q0=base.q0, v0=base.v0, breakpoints=base.breakpoints)
         return replace(self, base=base, models=tuple(models))
 
