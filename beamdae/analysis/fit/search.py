@@ -397,17 +397,39 @@ def search(
         See `local_search`.
     """
     end = local_search(problem, scaling, first, max_evaluations)
-    if not is_explained(problem, end.evaluation):
-        try:
-            end = _repeat_from_first_data(problem, scaling, first, end, max_evaluations)
-        except KeyboardInterrupt as interrupt:
-            best = getattr(interrupt, "partial", None)
-            # Those of first parts of the data are no ends of the fit.
-            if isinstance(best, SearchResult) and len(best.evaluation.residuals) == problem.count:
-                end = min(end, best, key=lambda x: x.chi_square)
-            reason = f"interrupted after {format_count(end.evaluations, 'evaluation')}"
-            partial = replace(end, status=Status("interrupted", reason))
-            raise Interrupted(reason, partial) from None
+    spent, shares = end.evaluations, (*_FIRST_SHARES, 1.0)
+    try:
+        # While vibrations of the model and of the data differ by less than half a period, the sum
+        # of squares has no local minimum between them. A search that fails therefore begins with a
+        # short part of the data and continues with longer ones, up to all.
+        for share in () if is_explained(problem, end.evaluation) else shares:
+            part = problem.within(0.0, share)[0] if share < 1.0 else problem
+            if part.data.variation < _MIN_PART_VARIATION * problem.data.variation:
+                continue
+            limit = max_evaluations - spent
+            if share < 1.0:
+                limit = min(limit, _FEW_EVALUATIONS)
+            if limit <= 0:
+                break
+            try:
+                other = local_search(part, scaling, first, limit, is_rough=share < 1.0)
+            except (ValueError, ArithmeticError):
+                break  # BeamdaeError, or an error of the model function at extreme values.
+            spent += other.evaluations
+            if share == 1.0:
+                end = min(end, other, key=lambda x: x.chi_square)
+            if not is_explained(part, other.evaluation):
+                break
+            first = scaling.variables(other.evaluation.values)
+    except KeyboardInterrupt as interrupt:
+        best = getattr(interrupt, "partial", None)
+        # Those of first parts of the data are no ends of the fit.
+        if isinstance(best, SearchResult) and len(best.evaluation.residuals) == problem.count:
+            end = min(end, best, key=lambda x: x.chi_square)
+        reason = f"interrupted after {format_count(end.evaluations, 'evaluation')}"
+        partial = replace(end, status=Status("interrupted", reason))
+        raise Interrupted(reason, partial) from None
+    end = replace(end, evaluations=spent)
     share, status, explains = unexplained_share(problem, end.evaluation), end.status, end.explains
     if share > _MAX_ACCEPTED_SHARE and not is_noise(problem, end.evaluation.residuals):
         explains = False
@@ -419,38 +441,6 @@ def search(
     if end.failures and not status.success:
         status = Status(status.kind, f"{status.sentence}; {end.failures}")
     return replace(end, status=status, explains=explains)
-
-
-def _repeat_from_first_data(
-    problem: FitProblem, scaling: Scaling, first: Array, end: SearchResult, max_evaluations: int
-) -> SearchResult:
-    """Return the better of an end and of a search from values that explain first parts of the data.
-
-    While vibrations of the model and of the data differ by less than half a period, the sum of
-    squares has no local minimum between them. The search therefore begins with a short part of the
-    data and continues with longer ones, up to all.
-    """
-    spent, best = end.evaluations, end
-    for share in (*_FIRST_SHARES, 1.0):
-        part = problem.within(0.0, share)[0] if share < 1.0 else problem
-        if part.data.variation < _MIN_PART_VARIATION * problem.data.variation:
-            continue
-        limit = max_evaluations - spent
-        if share < 1.0:
-            limit = min(limit, _FEW_EVALUATIONS)
-        if limit <= 0:
-            break
-        try:
-            other = local_search(part, scaling, first, limit, is_rough=share < 1.0)
-        except (ValueError, ArithmeticError):
-            break  # BeamdaeError, or an error of the model function at extreme values.
-        spent += other.evaluations
-        if share == 1.0:
-            best = min(end, other, key=lambda x: x.chi_square)
-        if not is_explained(part, other.evaluation):
-            break
-        first = scaling.variables(other.evaluation.values)
-    return replace(best, evaluations=spent)
 
 
 def is_explained(problem: FitProblem, evaluation: Evaluation) -> bool:
