@@ -49,7 +49,7 @@ from beamdae.equations.equations_of_motion import (
 )
 from beamdae.equations.smooth_intervals import SAME_TIME, time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.reduced_equations import ReducedEquations, keep_constraints
+from beamdae.equations.starts.reduced_equations import keep_constraints
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.equations.structure import has_same_patterns
 from beamdae.errors import (
@@ -349,15 +349,46 @@ def differentiate_states(
     )
     solution = bound_reactions(solution)
     with single_threaded:
-        redundant = RedundantConstraints.of(solution)
-        if redundant is None:
+        reduced = remove_redundant(equations, solution.trajectory.start)
+        if reduced is None:
             return _Chain(solution, method, differences, starts).differentiate()
-        reduced = {name: redundant.reduce(x) for name, x in differences.items()}
-        chain = _Chain(redundant.solution, method, reduced, starts)
-        return {
-            name: x._replace(trajectory=redundant.restore(x.trajectory, differences[name]))
-            for name, x in chain.differentiate().items()
+        rows, full = reduced.independent, StateEvaluator(equations)
+
+        def keep(e: EquationsOfMotion) -> EquationsOfMotion:
+            return keep_constraints(e, rows)
+
+        def reduce(interval: Interval) -> Interval:
+            """Return an interval with the multipliers of the independent constraints."""
+            states = interval.rows
+            lam = np.zeros((len(states.lam), len(rows)))
+            for k, (time, q) in enumerate(zip(interval.times, states.q, strict=True)):
+                gradient = full.constraint_matrix(time, q).toarray()
+                force = gradient.T @ states.lam[k]
+                lam[k] = np.linalg.lstsq(gradient[rows].T, force, rcond=None)[0]
+            return replace(interval, rows=states._replace(lam=lam))
+
+        def restore(interval: Interval, change: Interval, difference: Difference) -> Interval:
+            """Difference the reactions of minimum norm along the derivatives."""
+
+            def evaluate(e: EquationsOfMotion, q: Array, lam: Array) -> Array:
+                neighbor = replace(reduced, full=e, equations=keep(e))
+                return neighbor.restore_reactions(interval.times, q, lam)
+
+            (q, _, _, lam), along = interval.rows, change.rows
+            lam = difference.along(evaluate, (q, along.q), (lam, along.lam))
+            return replace(change, rows=along._replace(lam=lam))
+
+        intervals, result = tuple(map(reduce, solution.trajectory.intervals)), {}
+        run = replace(solution, equations=reduced.equations, trajectory=Trajectory(intervals))
+        smaller = {
+            name: replace(x, base=keep(x.base), models=tuple(map(keep, x.models)))
+            for name, x in differences.items()
         }
+        for name, x in _Chain(run, method, smaller, starts).differentiate().items():
+            pairs = zip(intervals, x.trajectory.intervals, strict=True)
+            restored = tuple(restore(*pair, differences[name]) for pair in pairs)
+            result[name] = x._replace(trajectory=Trajectory(restored))
+        return result
 
 
 class _Crossing(NamedTuple):
@@ -569,72 +600,6 @@ def _activate(
             "event; use differences of runs for this parameter."
         )
     return Phase(whole, whole.between(configuration.equations, models), neighbors)
-
-
-@dataclass(frozen=True)
-class RedundantConstraints:
-    """Run of equations without their redundant constraints.
-
-    Attributes
-    ----------
-    reduced
-        Equations with and without the redundant constraints.
-    solution
-        The run, with the multipliers of the independent constraints.
-    """
-
-    reduced: ReducedEquations
-    solution: Solution
-
-    @classmethod
-    def of(cls, solution: Solution) -> RedundantConstraints | None:
-        """Return the run without redundant constraints; None if the model has none."""
-        reduced = remove_redundant(solution.equations, solution.trajectory.start)
-        if reduced is None:
-            return None
-        full = StateEvaluator(solution.equations)
-
-        def reduce(interval: Interval) -> Interval:
-            rows = interval.rows
-            lam = np.zeros((len(rows.lam), len(reduced.independent)))
-            for k, (time, q) in enumerate(zip(interval.times, rows.q, strict=True)):
-                gradient = full.constraint_matrix(time, q).toarray()
-                force = gradient.T @ rows.lam[k]
-                lam[k] = np.linalg.lstsq(gradient[reduced.independent].T, force, rcond=None)[0]
-            return replace(interval, rows=rows._replace(lam=lam))
-
-        trajectory = Trajectory(tuple(map(reduce, solution.trajectory.intervals)))
-        solution = replace(solution, equations=reduced.equations, trajectory=trajectory)
-        return cls(reduced, solution)
-
-    def reduce(self, difference: Difference) -> Difference:
-        """Return neighboring models without the redundant constraints."""
-        return replace(
-            difference,
-            base=self._keep(difference.base),
-            models=tuple(map(self._keep, difference.models)),
-        )
-
-    def restore(self, along: Trajectory, difference: Difference) -> Trajectory:
-        """Return the derivatives of a run with those of the multipliers of all constraints.
-
-        The reactions of minimum norm are differenced along the derivatives.
-        """
-
-        def restore(interval: Interval, change: Interval) -> Interval:
-            def evaluate(e: EquationsOfMotion, q: Array, lam: Array) -> Array:
-                neighbor = replace(self.reduced, full=e, equations=self._keep(e))
-                return neighbor.restore_reactions(interval.times, q, lam)
-
-            (q, _, _, lam), rows = interval.rows, change.rows
-            lam = difference.along(evaluate, (q, rows.q), (lam, rows.lam))
-            return replace(change, rows=rows._replace(lam=lam))
-
-        pairs = zip(self.solution.trajectory.intervals, along.intervals, strict=True)
-        return Trajectory(tuple(restore(*x) for x in pairs))
-
-    def _keep(self, equations: EquationsOfMotion) -> EquationsOfMotion:
-        return keep_constraints(equations, self.reduced.independent)
 
 
 Result = TypeVar("Result")
