@@ -62,7 +62,13 @@ def check_residuals(
     """
     left, is_known = float(residuals @ residuals), problem.data.is_sigma_known
     square, freedom = search.evaluation.chi_square, problem.count - len(problem.estimated)
-    is_outlier = _find_outliers(problem, residuals)
+    # Outliers of columns in which these are few.
+    is_outlier = np.zeros(len(residuals), bool)
+    for _, rows in problem.data.rows:
+        sizes = np.abs(residuals[rows])
+        limit = _OUTLIER_DISTANCE * _NORMAL_DEVIATION * np.median(sizes)
+        are_few = np.mean(sizes > limit) <= _MAX_OUTLIER_SHARE and limit > 0.0
+        is_outlier[rows] = (sizes > limit) & are_few
     if is_known and freedom > 0 and chdtrc(freedom, left) < _MIN_PROBABILITY:
         sentence = (
             f"The model does not explain the data: the residuals are {np.sqrt(left / freedom):.3g} "
@@ -102,17 +108,6 @@ def check_residuals(
             "if the noise is slow, other first values or starts= if another minimum may be lower, "
             "or add what the model lacks, such as shift= or offset=."
         )
-
-
-def _find_outliers(problem: FitProblem, residuals: Array) -> Array:
-    """Return True (N,) for the outliers among the residuals of columns in which these are few."""
-    result = np.zeros(len(residuals), bool)
-    for _, rows in problem.data.rows:
-        sizes = np.abs(residuals[rows])
-        limit = _OUTLIER_DISTANCE * _NORMAL_DEVIATION * np.median(sizes)
-        are_few = np.mean(sizes > limit) <= _MAX_OUTLIER_SHARE and limit > 0.0
-        result[rows] = (sizes > limit) & are_few
-    return result
 
 
 def _name_outliers(problem: FitProblem, is_outlier: Array) -> Iterator[str]:

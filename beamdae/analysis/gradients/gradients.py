@@ -462,21 +462,16 @@ class AdjointRun(DifferentiableRun):
                     equations, trajectory, times, along, differences, [number]
                 )
             result += factor * np.array([by_values @ rows[name][:, column] for name in names])
+            duration = trajectory.end - trajectory.start
             for t, dt in bounds:
-                result += factor * _rate_by_time(term, value, solution, t) * dt
+                # The states are those at fixed times, so that at restarts only integrals of columns
+                # that jump have a derivative.
+                is_end = t == trajectory.end
+                sides = np.array([t] if is_end else [t, np.nextafter(t, np.inf)])
+                header, at_sides = read_column(solution.at_times(sides), term.column)
+                rate = float(differentiate_column(solution, header, sides)[0]) if is_end else 0.0
+                before, *after = (
+                    term.end_derivative(value, y, rate, duration) for y in at_sides.tolist()
+                )
+                result += factor * (before - sum(after)) * dt
         return dict(zip(names, result.tolist(), strict=True))
-
-
-def _rate_by_time(term: Objective, value: float, solution: Solution, t: float) -> float:
-    """Return the derivative of a term with respect to the time `t` [s] of a restart or the end.
-
-    The states are those at fixed times, so that at restarts only integrals of columns that jump
-    have a derivative.
-    """
-    trajectory = solution.trajectory
-    is_end, duration = t == trajectory.end, trajectory.end - trajectory.start
-    sides = np.array([t] if is_end else [t, np.nextafter(t, np.inf)])
-    header, values = read_column(solution.at_times(sides), term.column)
-    rate = float(differentiate_column(solution, header, sides)[0]) if is_end else 0.0
-    before, *after = (term.end_derivative(value, y, rate, duration) for y in values.tolist())
-    return before - sum(after)

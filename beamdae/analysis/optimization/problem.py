@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -124,23 +124,21 @@ class Design:
     @cached_property
     def gradients(self) -> Array:
         """Gradients (1 + C, k) of the values with respect to the numbers of the model."""
-        with silenced():
-            return np.array([self._gradient(weights) for weights in self.weights])
-
-    def _gradient(self, weights: Mapping[AnalysisQuantity, float]) -> Array:
-        result = sum(
-            self.analyses[key].gradient({x: weights[x] for x in leaves})
-            for key, leaves in group_by_analysis(weights).items()
-        )
-        gradient = np.asarray(result, float)
-        if not np.all(np.isfinite(gradient)):
-            labels = list_first([x.label for x in weights])
-            raise BeamdaeError(
-                f"{_NAME}: the gradient of {labels} of {self.flat.name} is not finite; check "
-                "the model and its functions near these values of the parameters (a branch point "
-                "needs an imperfection)."
-            )
-        return gradient
+        rows = []
+        for weights in self.weights:
+            with silenced():
+                parts = [
+                    self.analyses[key].gradient({x: weights[x] for x in leaves})
+                    for key, leaves in group_by_analysis(weights).items()
+                ]
+            rows.append(np.sum(parts, axis=0))
+            if not np.all(np.isfinite(rows[-1])):
+                raise BeamdaeError(
+                    f"{_NAME}: the gradient of {list_first([x.label for x in weights])} of "
+                    f"{self.flat.name} is not finite; check the model and its functions near these "
+                    "values of the parameters (a branch point needs an imperfection)."
+                )
+        return np.array(rows)
 
     def maximum_ratio(self, limit: Limit, value: float) -> float:
         """Return the ratio of a quantity of maxima to that of smooth maxima, the value; at least 1.

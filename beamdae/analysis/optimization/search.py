@@ -383,14 +383,14 @@ def search_from_starts(
             f"optimize: the first designs of all {starts} searches failed; the first one: "
             f"{rows[0]['reason']}."
         )
-    best, error = min(searches, key=_rank), searches[-1].progress_error
+
+    def rank(search: SearchResult) -> tuple[float, float, bool, float]:
+        """Return a key that is smallest for the best design; of equal ones, for a converged one."""
+        objective = float(search.best.values[0])
+        return search.violation, float(f"{objective:.6g}"), not search.status.success, objective
+
+    best, error = min(searches, key=rank), searches[-1].progress_error
     return replace(best, status=status or best.status, progress_error=error), rows
-
-
-def _rank(search: SearchResult) -> tuple[float, float, bool, float]:
-    """Return a key that is smallest for the best design; of equal ones, for one that converged."""
-    objective = float(search.best.values[0])
-    return search.violation, float(f"{objective:.6g}"), not search.status.success, objective
 
 
 def describe_failure(failure: Exception) -> str:

@@ -242,7 +242,22 @@ def differentiate_modes(
     state = np.append(lin.state.q, lam)
     speeds = np.abs(result.eigenvalues[result.eigenvalues != 0.0])
     solve = full.pencil.factorize(_SHIFT * float(speeds[0] if len(speeds) else 1.0))
-    pairs = _simple_pairs(model.name, result, full if damping else full.symmetrized(), damping)
+    own = full if damping else full.symmetrized()
+    modes = enumerate(zip(result.eigenvalues, result.shapes, result.kinds, strict=True))
+    pairs = {
+        k: Eigenpair(own, complex(value), shape)
+        for k, (value, shape, kind) in modes
+        if kind != RIGID
+    }
+    if repeated := [k for k, pair in pairs.items() if pair.gap < _MIN_GAP]:
+        numbers = ", ".join(str(k + 1) for k in repeated)
+        undamped = "; for overdamped modes, use damping=False" if damping else ""
+        warn_user(
+            f"{_NAME}: the eigenvalues of modes {numbers} of {model.name} are repeated (within "
+            f"{_MIN_GAP:g}), so their derivatives do not exist (NaN); request fewer modes (n=), or "
+            f"change a parameter so that the eigenvalues differ{undamped}."
+        )
+        pairs = {k: pair for k, pair in pairs.items() if k not in repeated}
     eigenvalues, shapes = {}, {}
     for name, difference in difference_models(model, names, base, assemble).items():
         frames = [frame_of(e, about, t) for e in difference.models]
@@ -283,33 +298,6 @@ def differentiate_modes(
         shapes,
         result.warnings,
     )
-
-
-def _simple_pairs(
-    model: str, result: Modes, lin: LinearizedEquations, damping: bool
-) -> dict[int, Eigenpair]:
-    """Return by index the eigenpairs that are neither free motions nor repeated.
-
-    Warns
-    -----
-    BeamdaeWarning
-        If an eigenvalue is repeated.
-    """
-    pairs = {
-        k: Eigenpair(lin, complex(value), shape)
-        for k, (value, shape) in enumerate(zip(result.eigenvalues, result.shapes, strict=True))
-        if result.kinds[k] != RIGID
-    }
-    repeated = [k for k, pair in pairs.items() if pair.gap < _MIN_GAP]
-    if repeated:
-        names = ", ".join(str(k + 1) for k in repeated)
-        undamped = "; for overdamped modes, use damping=False" if damping else ""
-        warn_user(
-            f"{_NAME}: the eigenvalues of modes {names} of {model} are repeated (within "
-            f"{_MIN_GAP:g}), so their derivatives do not exist (NaN); request fewer modes (n=), or "
-            f"change a parameter so that the eigenvalues differ{undamped}."
-        )
-    return {k: pair for k, pair in pairs.items() if k not in repeated}
 
 
 def _linearize_along(
