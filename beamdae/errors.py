@@ -743,7 +743,7 @@ def suggest(value: Any, choices: Iterable[Any]) -> str:
     return f" (did you mean {closest[0]!r}?)" if closest else ""
 
 
-def list_first(names: Sequence[str], most: int) -> str:
+def list_first(names: Sequence[str], most: int = 3) -> str:
     """Return the names separated by commas; of more than `most`, the others are counted."""
     listed = ", ".join(names[:most])
     return f"{listed} and {len(names) - most} more" if len(names) > most else listed

@@ -13,7 +13,7 @@ import beamdae as bd
 from beamdae import quantities
 from beamdae.analysis.gradients.flat_model import FlatModel
 from beamdae.analysis.gradients.objectives import SampleGrid
-from beamdae.analysis.sensitivities.many_parameters import difference_models
+from beamdae.analysis.sensitivities.neighbors import difference_models
 from beamdae.analysis.sensitivities.observable_derivatives import read_column
 from beamdae.native.object_code import is_native_enabled
 

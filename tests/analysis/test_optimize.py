@@ -74,7 +74,7 @@ def test_regression_designs_differentiate_equilibria_of_slender_steel_beams(heig
     for k, name in enumerate(entries):
         step = 1e-5 * leaf.parameters[name]
         ahead, behind = (
-            analyze(**{name: leaf.parameters[name] + x}).value(tip) for x in (step, -step)
+            analyze(**{name: leaf.parameters[name] + x}).values[tip] for x in (step, -step)
         )
         assert gradient[k] == pytest.approx((ahead - behind) / (2.0 * step), rel=1e-6)
 
@@ -100,7 +100,7 @@ def test_regression_designs_include_the_operators_of_observed_columns():
         model = FlatModel(replace(arc, parameters={"radius": radius}), {"radius": ("radius", None)})
         return create_analysis(DesignModel(model), [gauge], settings)
 
-    ahead, behind = (analyze(1.0 + x).value(gauge) for x in (1e-4, -1e-4))
+    ahead, behind = (analyze(1.0 + x).values[gauge] for x in (1e-4, -1e-4))
     (gradient,) = analyze(1.0).gradient({gauge: 1.0})
     assert gradient == pytest.approx((ahead - behind) / 2e-4, rel=1e-5)
 

@@ -47,7 +47,6 @@ _OBSERVABLE, _ROW = "observable", "row"
 ALL_COLUMNS = "*"  # name of all columns
 # Larger tables are probably raw records, whose fit would take hours and gigabytes.
 _MAX_DATA = 1_000_000
-_MAX_LISTED_COLUMNS = 5  # in a message
 _TABLES = pd.DataFrame, Mapping
 _ALLOWED = (
     "a table (DataFrame or dict) of numbers by column, a dict of such tables by experiment, or "
@@ -244,7 +243,16 @@ def _read_table(
     own = (EXPERIMENT, _OBSERVABLE, VALUE, SIGMA) if is_long else ()
     headers = [str(x) for x in table]
     others = {x: _name_in_run(x, renamed) for x in headers if x not in own}
-    time = _find_time(part, others)
+    # "t" or "time", with a unit of time if there are several; T may be a temperature.
+    names = {x: split_unit(y) for x, y in others.items()}
+    clocks = [x for x, (name, _) in names.items() if name == "t" or name.casefold() == "time"]
+    with_unit = [x for x in clocks if conversion_factor(names[x][1], "s") is not None]
+    if len(with_unit) > 1:
+        raise BeamdaeError(
+            f"{part}: the columns {with_unit[0]!r} and {with_unit[1]!r} of data are both times; "
+            "remove one."
+        )
+    time = next(iter([*with_unit, *clocks]), None)
     if time is None or len(table.columns) == 1 or (is_long and len(others) > 1):
         of_time = (x for x in others if conversion_factor(split_unit(x)[1], "s") is not None)
         other = next(of_time, next(iter(others), "time"))
@@ -275,23 +283,6 @@ def _read_table(
             )
     rows[_OBSERVABLE] = rows[_OBSERVABLE].map(standardize_header)
     return rows.sort_values(TIME, kind="stable")
-
-
-def _find_time(part: str, in_run: Mapping[str, str]) -> str | None:
-    """Return the column of times: "t" or "time", with a unit of time if there are several.
-
-    `in_run` contains the names in the run by those in the data.
-    """
-    # T may be a temperature.
-    names = {x: split_unit(y) for x, y in in_run.items()}
-    times = [x for x, (name, _) in names.items() if name == "t" or name.casefold() == "time"]
-    with_unit = [x for x in times if conversion_factor(names[x][1], "s") is not None]
-    if len(with_unit) > 1:
-        raise BeamdaeError(
-            f"{part}: the columns {with_unit[0]!r} and {with_unit[1]!r} of data are both times; "
-            "remove one."
-        )
-    return next(iter([*with_unit, *times]), None)
 
 
 def _read_times(part: str, cells: pd.Series, time: str, in_run: str, place: str) -> Array:
@@ -366,9 +357,13 @@ def match_columns(
     for key, rows in groups:
         experiment, name_in_data = map(str, key)
         name, known = measured.names[name_in_data], headers[experiment]
-        found = _find_headers(name, known)
+        # One header, or all of an observable.
+        names = name, split_unit(name)[0]
+        exact = [x for x in known if x == name] or [x for x in known if remove_unit(x) in names]
+        # Coordinates follow the observed columns.
+        found = exact[:1] or [x for x in known if Header.of(x).name in names]
         if len(found) != 1:
-            hint = f" (name one of {list_first(found, _MAX_LISTED_COLUMNS)})"
+            hint = f" (name one of {list_first(found)})"
             hint = hint if found else suggest(remove_unit(name), map(remove_unit, known))
             unknown[name_in_data] = f"{name!r}{hint}"
             if name != name_in_data:
@@ -383,11 +378,20 @@ def match_columns(
                 f"{part}: the columns {other[0].name_in_data!r} and {name_in_data!r} of data are "
                 "the same column of the run; remove one."
             )
-        source = Source(experiment, header, name, name_in_data, 1.0)
-        source = source._replace(factor=_convert_unit(part, source))
+        unit, unit_in_run = split_unit(name)[1], split_unit(header)[1]
+        factor: Any = 1.0
+        if unit and name not in (header, remove_unit(header)):
+            factor = conversion_factor(unit, unit_in_run)
+        if factor is None:
+            hint = suggest_unit(unit, unit_in_run) if parse_unit(unit) is None else ""
+            raise BeamdaeError(
+                f"{part}: the column {name_in_data!r} of data is in {unit}{hint}, but the model "
+                f"observes it in {unit_in_run}; convert the values and name the column {header!r}."
+            )
+        source = Source(experiment, header, name, name_in_data, float(factor))
         matched[experiment, header] = source, _read_values(part, measured.name, source, rows)
     if not matched:
-        listed = list_first(list(unknown.values()), _MAX_LISTED_COLUMNS)
+        listed = list_first(list(unknown.values()))
         example = next((x for xs in headers.values() for x in xs if x != TIME), "tip.y [m]")
         raise BeamdaeError(
             f"{part}: {measured.name} must contain values of a column of the run, got {listed}; "
@@ -400,30 +404,6 @@ def match_columns(
     whole = pd.concat([rows for _, rows in filled], ignore_index=True)
     data = MeasuredData(whole, tuple(x for x, _ in filled), measured.has_sigma)
     return data, list(unknown.values())
-
-
-def _find_headers(column: str, headers: Sequence[str]) -> list[str]:
-    """Return the headers that a column of data may name: one, or all of an observable."""
-    names = (column, split_unit(column)[0])
-    exact = [x for x in headers if x == column] or [x for x in headers if remove_unit(x) in names]
-    # Coordinates follow the observed columns.
-    return exact[:1] or [x for x in headers if Header.of(x).name in names]
-
-
-def _convert_unit(part: str, source: Source) -> float:
-    """Return the factor from the unit in the name of a column to that of its header."""
-    unit, unit_in_run = split_unit(source.name)[1], split_unit(source.header)[1]
-    if not unit or source.name in (source.header, remove_unit(source.header)):
-        return 1.0
-    factor = conversion_factor(unit, unit_in_run)
-    if factor is None:
-        hint = suggest_unit(unit, unit_in_run) if parse_unit(unit) is None else ""
-        raise BeamdaeError(
-            f"{part}: the column {source.name_in_data!r} of data is in {unit}{hint}, but the model "
-            f"observes it in {unit_in_run}; convert the values and name the column "
-            f"{source.header!r}."
-        )
-    return float(factor)
 
 
 def _read_values(part: str, name: str, source: Source, rows: pd.DataFrame) -> pd.DataFrame:
@@ -482,7 +462,29 @@ def read_fit_data(
             "one."
         )
     if sigma is not None:
-        data = _with_sigma(data, sigma)
+        entries = {ALL_COLUMNS: sigma}
+        if isinstance(sigma, Mapping):
+            entries = require_mapping("fit", "sigma", sigma, "a number, or numbers by column")
+        named = [(source, key) for key in entries for source in data.find(key)]
+        keys = dict(named)
+        is_complete = set(keys.values()) == set(entries)
+        if not (is_complete and len(named) == len(keys) == len(data.sources)):
+            columns = dict.fromkeys(x.name for x in data.sources)
+            raise BeamdaeError(
+                f"fit: sigma must name the observed columns of data, {', '.join(columns)} (also "
+                f"without units), got {', '.join(entries) or 'none'}."
+            )
+        deviations = np.ones(len(data.table))
+        for source, rows in data.rows:
+            key, value = keys[source], entries[keys[source]]
+            label = "sigma" if key == ALL_COLUMNS else f"sigma of {key}"
+            with suppress(ValueError):
+                value = float(value) if isinstance(value, str) else value
+            # Plain numbers are in the unit of the data, texts with a unit in their own.
+            factor = 1.0 if isinstance(value, str) else source.factor
+            number = convert_text("fit", label, value, split_unit(source.header)[1])
+            deviations[rows] = require_positive("fit", label, number) * factor
+        data = replace(data, table=data.table.assign(sigma=deviations), is_sigma_known=True)
     elif not measured.has_sigma and len(data.headers) > 1:
         raise BeamdaeError(
             "fit: sigma is required for several columns, because it determines their weights; "
@@ -501,32 +503,6 @@ def read_fit_data(
     return data
 
 
-def _with_sigma(data: MeasuredData, sigma: Any) -> MeasuredData:
-    """Return data with the standard deviations of the argument `sigma`."""
-    entries = {ALL_COLUMNS: sigma}
-    if isinstance(sigma, Mapping):
-        entries = require_mapping("fit", "sigma", sigma, "a number, or numbers by column")
-    named = [(source, key) for key in entries for source in data.find(key)]
-    keys = dict(named)
-    if not (set(keys.values()) == set(entries) and len(named) == len(keys) == len(data.sources)):
-        columns = dict.fromkeys(x.name for x in data.sources)
-        raise BeamdaeError(
-            f"fit: sigma must name the observed columns of data, {', '.join(columns)} (also "
-            f"without units), got {', '.join(entries) or 'none'}."
-        )
-    deviations = np.ones(len(data.table))
-    for source, rows in data.rows:
-        key, value = keys[source], entries[keys[source]]
-        label = "sigma" if key == ALL_COLUMNS else f"sigma of {key}"
-        with suppress(ValueError):
-            value = float(value) if isinstance(value, str) else value
-        # Plain numbers are in the unit of the data, texts with a unit in their own.
-        factor = 1.0 if isinstance(value, str) else source.factor
-        number = convert_text("fit", label, value, split_unit(source.header)[1])
-        deviations[rows] = require_positive("fit", label, number) * factor
-    return replace(data, table=data.table.assign(sigma=deviations), is_sigma_known=True)
-
-
 def warn_of_columns(
     part: str, measured: Measurements, data: MeasuredData, unknown: Sequence[str], reason: str
 ) -> None:
@@ -536,7 +512,7 @@ def warn_of_columns(
     """
     if unknown:
         warn_user(
-            f"{part}: {measured.name} contains {list_first(unknown, _MAX_LISTED_COLUMNS)}, which "
+            f"{part}: {measured.name} contains {list_first(unknown)}, which "
             f"{reason} and {part} omits; name columns as in the table of the run, map them with "
             "data_columns=, or remove them.",
             InputWarning,

@@ -26,8 +26,8 @@ from beamdae.analysis.parameter_bounds import (
     draw_starts,
     read_bounds,
 )
-from beamdae.analysis.sensitivities.differentiable_run import DERIVATIVE_METHOD
 from beamdae.analysis.sensitivities.observable_derivatives import differentiate_column
+from beamdae.analysis.sensitivities.run_chain import DERIVATIVE_METHOD
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities, differentiate_run
 from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,
@@ -147,41 +147,34 @@ class FitProblem:
         self.integrator = require_integrator("fit", method)
         self.parameters = complete_parameters("fit", model, parameters)
         measured = read_measurements("fit", data, data_columns)
-        changes = self._read_experiments(experiments, measured.experiments)
-        self._settings = {x: self.parameters | y for x, y in changes.items()}
-        headers = {
-            x: as_equations("fit", model(**values), start).observed_headers
-            for x, values in self._settings.items()
-        }
-        fitted = read_fit_data(measured, headers, sigma)
-        self._set_data(fitted, read_sensors(fitted, scale, offset, shift))
-        if self.count < (unknowns := len(self.estimated)):
-            raise BeamdaeError(
-                f"fit: {self.count} data do not determine {unknowns} parameters; add data or fit "
-                "fewer parameters."
-            )
-
-    def _read_experiments(
-        self, experiments: Any, known: tuple[str, ...]
-    ) -> dict[str, dict[str, Any]]:
-        """Return the values of parameters that each experiment changes."""
-        what = "a dict of values of parameters by experiment"
+        known, what = measured.experiments, "a dict of values of parameters by experiment"
         given = {} if experiments is None else experiments
-        given = require_mapping("fit", "experiments", given, what)
-        for name, values in given.items():
+        self._settings = dict.fromkeys(known, self.parameters)
+        for name, entries in require_mapping("fit", "experiments", given, what).items():
             if name not in known:
                 raise BeamdaeError(
                     f"fit: experiments contains {short_repr(name)}, for which there are no data; "
                     f"the data name {', '.join(filter(None, known)) or 'no experiments'}."
                 )
-            values = require_mapping("fit", f"experiments of {name}", values, "values by name")
+            values = require_mapping("fit", f"experiments of {name}", entries, "values by name")
             for fitted in set(values) & set(self.names):
                 raise BeamdaeError(
                     f"fit: the experiment {name} sets {fitted}, which is in by; remove it from "
                     "one of them."
                 )
-            given[name] = {x: self.model.complete({x: values[x]})[x] for x in values}
-        return {name: given.get(name, {}) for name in known}
+            changes = {x: model.complete({x: values[x]})[x] for x in values}
+            self._settings[name] = self.parameters | changes
+        headers = {
+            x: as_equations("fit", model(**values), start).observed_headers
+            for x, values in self._settings.items()
+        }
+        table = read_fit_data(measured, headers, sigma)
+        self._set_data(table, read_sensors(table, scale, offset, shift))
+        if self.count < (unknowns := len(self.estimated)):
+            raise BeamdaeError(
+                f"fit: {self.count} data do not determine {unknowns} parameters; add data or fit "
+                "fewer parameters."
+            )
 
     @property
     def first_values(self) -> Array:
@@ -275,8 +268,24 @@ class FitProblem:
         BeamdaeError
             If a run fails or cannot be differentiated.
         """
-        times = self._shift_times(values)
-        runs = {x: self._run(x, values, times) for x in self.data.experiments}
+        times, runs = self._times.copy(), {}
+        for shift, value in zip(self.shifts, values[len(self.names) :], strict=True):
+            times[shift.rows] -= value
+        fitted = dict(zip(self.names, values.tolist(), strict=False))
+        for experiment, t_end in self._t_end.items():
+            # Bounds of shifts hold up to rounding.
+            needed = np.unique(np.clip(times[self._rows[experiment]], 0.0, t_end))
+            settings = {"parameters": self._settings[experiment] | fitted, "start": self.start}
+            # The result evaluates the warnings of the last run.
+            with silenced():
+                run = differentiate_run(self.model, self.names, self.integrator, t_end, **settings)
+                if run.solution.trajectory.end < t_end:
+                    raise BeamdaeError(
+                        f"fit: the run of {self.model.name} was {run.solution.status.sentence}, "
+                        f"before the last data at {needed[-1]:g} s; omit later data, or do not "
+                        "stop the run."
+                    )
+                runs[experiment] = run.at_times(needed)
         model, derivatives = np.empty(self.count), np.zeros((self.count, len(self.variables)))
         for source, rows in self.data.rows:
             run = runs[source.experiment]
@@ -289,7 +298,31 @@ class FitProblem:
                 if shift.rows[rows.start]:
                     rates = differentiate_column(run.solution, source.header, times[rows])
                     derivatives[rows, j] = -rates
-        return self._project(values, runs, model, derivatives)
+        # Reactions that grow without bounds are left out: their residuals are zero.
+        is_missing, count = np.isnan(model), len(self._scaled)
+        if is_missing.all():
+            raise BeamdaeError(
+                "fit: reactions of the model grow without bounds at all times of the data; choose "
+                "other first values in parameters, or other columns."
+            )
+        weights, model = np.where(is_missing, 0.0, self.weights), np.nan_to_num(model)
+        scaled, offset = self._linear_rows[:count], self._linear_rows[count:]
+        has_scale = scaled.any(axis=0)
+        matrix = (np.vstack([scaled * model, offset]) * weights).T
+        remainder = (self._values - np.where(has_scale, 0.0, model)) * weights
+        # Columns of equal size, so that the rank does not depend on units.
+        sizes = np.linalg.norm(matrix, axis=0)
+        sizes = np.where(sizes == 0.0, 1.0, sizes)
+        inverse = np.linalg.pinv(matrix / sizes) / sizes[:, None]
+        coefficients = inverse @ remainder
+        residuals = matrix @ coefficients - remainder
+        weighted = np.where(is_missing[:, None], 0.0, derivatives * weights[:, None])
+        scales = np.where(has_scale, coefficients[:count] @ scaled, 1.0)
+        effects = weighted * scales[:, None]
+        projected = effects - matrix @ (inverse @ effects)
+        projected -= inverse[:count].T @ ((scaled * residuals) @ weighted)
+        jacobian = np.hstack([effects, matrix])
+        return Evaluation(values, runs, residuals, coefficients, projected, jacobian)
 
     def repeat(self, values: Array, method: Integrator, change: Callable[[Any], Any]) -> Evaluation:
         """Return `evaluate` by runs of changed mechanisms with another integrator.
@@ -306,72 +339,6 @@ class FitProblem:
     def recorded_values(self, evaluation: Evaluation) -> Array:
         """Return the recorded values (N,) that an evaluation predicts."""
         return self._values + evaluation.residuals / self.weights
-
-    def _scale_rows(self, coefficients: Array) -> Array:
-        """Return the scale of each of the data, (N,)."""
-        count = len(self._scaled)
-        scales = coefficients[:count] @ self._linear_rows[:count]
-        return np.where(self._linear_rows[:count].any(axis=0), scales, 1.0)
-
-    def _shift_times(self, values: Array) -> Array:
-        """Return the times (N,) of the runs at which they are compared with the data."""
-        times = self._times.copy()
-        for shift, value in zip(self.shifts, values[len(self.names) :], strict=True):
-            times[shift.rows] -= value
-        return times
-
-    def _parameters(self, experiment: str, values: Array) -> dict[str, Any]:
-        fitted = zip(self.names, values.tolist(), strict=False)
-        return self._settings[experiment] | dict(fitted)
-
-    def _run(self, experiment: str, values: Array, times: Array) -> Sensitivities:
-        t_end = self._t_end[experiment]
-        # Bounds of shifts hold up to rounding.
-        needed = np.unique(np.clip(times[self._rows[experiment]], 0.0, t_end))
-        settings = {"parameters": self._parameters(experiment, values), "start": self.start}
-        # The result evaluates the warnings of the last run.
-        with silenced():
-            run = differentiate_run(self.model, self.names, self.integrator, t_end, **settings)
-            if run.solution.trajectory.end < t_end:
-                raise BeamdaeError(
-                    f"fit: the run of {self.model.name} was {run.solution.status.sentence}, before "
-                    f"the last data at {needed[-1]:g} s; omit later data, or do not stop the run."
-                )
-            return run.at_times(needed)
-
-    def _project(
-        self,
-        values: Array,
-        runs: Mapping[str, Sensitivities],
-        model: Array,
-        derivatives: Array,
-    ) -> Evaluation:
-        """Solve for scales and offsets, and differentiate the remaining residuals.
-
-        Reactions that grow without bounds are left out: their residuals are zero.
-        """
-        is_missing, count = np.isnan(model), len(self._scaled)
-        if is_missing.all():
-            raise BeamdaeError(
-                "fit: reactions of the model grow without bounds at all times of the data; choose "
-                "other first values in parameters, or other columns."
-            )
-        weights, model = np.where(is_missing, 0.0, self.weights), np.nan_to_num(model)
-        scaled, offset = self._linear_rows[:count], self._linear_rows[count:]
-        matrix = (np.vstack([scaled * model, offset]) * weights).T
-        remainder = (self._values - np.where(scaled.any(axis=0), 0.0, model)) * weights
-        # Columns of equal size, so that the rank does not depend on units.
-        sizes = np.linalg.norm(matrix, axis=0)
-        sizes = np.where(sizes == 0.0, 1.0, sizes)
-        inverse = np.linalg.pinv(matrix / sizes) / sizes[:, None]
-        coefficients = inverse @ remainder
-        residuals = matrix @ coefficients - remainder
-        weighted = np.where(is_missing[:, None], 0.0, derivatives * weights[:, None])
-        effects = weighted * self._scale_rows(coefficients)[:, None]
-        projected = effects - matrix @ (inverse @ effects)
-        projected -= inverse[:count].T @ ((scaled * residuals) @ weighted)
-        jacobian = np.hstack([effects, matrix])
-        return Evaluation(values, runs, residuals, coefficients, projected, jacobian)
 
 
 def unexplained_share(problem: FitProblem, evaluation: Evaluation) -> float:

@@ -29,7 +29,7 @@ _STEP = 0.35
 _FIRST_RELATIVE_STEP = 0.05
 # Decrease of the sum of squares below that of the fit, in units of the variance, that belongs to
 # another minimum. Ends of searches are up to 0.1 standard deviations from their minimum.
-_MAX_DECREASE = 0.1
+MAX_DECREASE = 0.1
 # More points mean that the sum of squares hardly depends on the parameter.
 _MAX_POINTS = 1000
 # Increases at the first value beyond a limit, relative to the threshold, for which the limit may be
@@ -88,7 +88,7 @@ class ProfileLikelihood(HasTable):
             if np.isinf(limit)
         ]
         best = int(np.argmin(self.increases))
-        if self.increases[best] < -_MAX_DECREASE:
+        if self.increases[best] < -MAX_DECREASE:
             sentences.append(
                 f"profile: the sum of squares at {self.name} = {self.values[best]:.6g} is lower "
                 "than that of the fit, so that the interval is unreliable; repeat the fit from "
@@ -146,12 +146,48 @@ def trace_profile(
         Maximum number of values on each side, at most 1000.
     """
     max_points = require_count("profile", "max_points", max_points, most=_MAX_POINTS)
-    k = problem.variables.index(name)
-    trace = _Trace(problem, scaling, best, k, variance, quantile)
-    below, above = (
-        trace.follow(side, width, max_points)
-        for side, width in zip((-1, 1), half_widths.tolist(), strict=True)
-    )
+    k, bounds, start = problem.variables.index(name), scaling.bounds, best.evaluation
+    free = np.arange(len(start.values)) != k
+
+    def follow(side: int, half_width: float) -> _Side:
+        """Fit the others at values on one side until the increase exceeds the threshold."""
+        points, change, halvings = [(0.0, start)], np.zeros_like(start.values), 0
+        is_finite, step = np.isfinite(half_width) and half_width > 0.0, half_width * _STEP
+        if not is_finite:
+            step = _FIRST_RELATIVE_STEP * (abs(float(start.values[k])) or 1.0)
+        while len(points) <= max_points:
+            before, last = points[-1][0], points[-1][1].values
+            value = float(np.clip(last[k] + side * step, *(x[k] for x in bounds)))
+            if value == last[k]:
+                return _Side(points, value)  # The bound limits the interval.
+            # Extrapolated, because the best values of the others depend almost linearly on it.
+            first = np.clip(last + change, *bounds)
+            first[k] = value
+            increase, message = np.inf, ""
+            try:
+                x = scaling.variables(first)
+                end = local_search(problem, scaling, x, _MAX_EVALUATIONS, free).evaluation
+                increase = (end.chi_square - best.chi_square) / variance
+            except (ValueError, ArithmeticError) as rejection:
+                message = format_message(rejection)
+            if increase > _MAX_OVERSHOOT * quantile**2 and halvings < _MAX_HALVINGS:
+                # The best values of others reach bounds, or the sum of squares is no parabola.
+                halvings, step = halvings + 1, 0.5 * step
+                continue
+            if message:
+                reason = (
+                    f" before runs fail next to {last[k]:.6g} ({message}); the interval reaches"
+                )
+                return _Side(points, side * np.inf, f"{reason} at least there")
+            points.append((increase, end))
+            if increase >= quantile**2:
+                # The root of the increase, which is linear for a linear model, is interpolated.
+                roots = np.sqrt(np.maximum([before, increase], 0.0))
+                return _Side(points, float(np.interp(quantile, roots, [last[k], value])))
+            change, step = end.values - last, step * (1.0 if is_finite else 2.0)
+        return _Side(points, side * np.inf, "; increase max_points, or measure more")
+
+    below, above = (follow(*x) for x in zip((-1, 1), half_widths.tolist(), strict=True))
     points = [*below.points[:0:-1], *above.points]
     table = np.array([x.estimates for _, x in points])
     return ProfileLikelihood(
@@ -171,59 +207,3 @@ class _Side(NamedTuple):
     points: list[tuple[float, Evaluation]]
     limit: float
     reason: str = ""
-
-
-class _Trace(NamedTuple):
-    """Fits of the other parameters at values of the k-th one; see `trace_profile`."""
-
-    problem: FitProblem
-    scaling: Scaling
-    best: SearchResult
-    k: int
-    variance: float
-    quantile: float
-
-    def _fit_others(self, first: Array) -> tuple[float, Evaluation]:
-        """Return the increase and the fit at a value, from first values of the others."""
-        free = np.arange(len(first)) != self.k
-        x = self.scaling.variables(first)
-        end = local_search(self.problem, self.scaling, x, _MAX_EVALUATIONS, free).evaluation
-        return (end.chi_square - self.best.chi_square) / self.variance, end
-
-    def follow(self, side: int, half_width: float, max_points: int) -> _Side:
-        """Fit the others at values on one side until the increase exceeds the threshold."""
-        k, bounds, points = self.k, self.scaling.bounds, [(0.0, self.best.evaluation)]
-        is_finite = np.isfinite(half_width) and half_width > 0.0
-        change, halvings = np.zeros_like(points[0][1].values), 0
-        step = half_width * _STEP
-        if not is_finite:
-            step = _FIRST_RELATIVE_STEP * (abs(float(points[0][1].values[k])) or 1.0)
-        while len(points) <= max_points:
-            before, last = points[-1][0], points[-1][1].values
-            value = float(np.clip(last[k] + side * step, *(x[k] for x in bounds)))
-            if value == last[k]:
-                return _Side(points, value)  # The bound limits the interval.
-            # Extrapolated, because the best values of the others depend almost linearly on it.
-            first = np.clip(last + change, *bounds)
-            first[k] = value
-            increase, message = np.inf, ""
-            try:
-                increase, end = self._fit_others(first)
-            except (ValueError, ArithmeticError) as rejection:
-                message = format_message(rejection)
-            if increase > _MAX_OVERSHOOT * self.quantile**2 and halvings < _MAX_HALVINGS:
-                # The best values of others reach bounds, or the sum of squares is no parabola.
-                halvings, step = halvings + 1, 0.5 * step
-                continue
-            if message:
-                reason = (
-                    f" before runs fail next to {last[k]:.6g} ({message}); the interval reaches"
-                )
-                return _Side(points, side * np.inf, f"{reason} at least there")
-            points.append((increase, end))
-            if increase >= self.quantile**2:
-                # The root of the increase, which is linear for a linear model, is interpolated.
-                roots = np.sqrt(np.maximum([before, increase], 0.0))
-                return _Side(points, float(np.interp(self.quantile, roots, [last[k], value])))
-            change, step = end.values - last, step * (1.0 if is_finite else 2.0)
-        return _Side(points, side * np.inf, "; increase max_points, or measure more")

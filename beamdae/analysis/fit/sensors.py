@@ -86,7 +86,26 @@ def read_sensors(data: MeasuredData, scale: Any, offset: Any, shift: Any) -> tup
     bounds = require_entries("fit", SHIFT, shift, _NAMES) if isinstance(shift, Mapping) else {}
     sensors = []
     for entry, name, rows, _ in _select(data, SHIFT, list(bounds) or shift):
-        low, high = _read_bounds(name, bounds.get(entry), float(data.table[TIME][rows].min()))
+        # By default, the first time of the data in both directions.
+        first = float(data.table[TIME][rows].min())
+        pair = require_pair(
+            "fit", name, (-first, first) if bounds.get(entry) is None else bounds[entry], _BOUNDS
+        )
+        low, high = (as_real(convert_text("fit", name, x, "s")) for x in pair)
+        if low is None or high is None or not -np.inf < low < min(high, first):
+            raise BeamdaeError(
+                f"fit: {name} must be {_BOUNDS}, at most the first time of its data, {first:g} s, "
+                f"because the run starts at 0 s, got {short_repr(pair)}; change the bounds, or "
+                "omit earlier data."
+            )
+        if high > first:
+            warn_user(
+                f"fit: {name} can be at most the first time of its data, {first:g} s, because the "
+                f"run starts at 0 s; omit data before {high:g} s for the bound {high:g} s.",
+                InputWarning,
+                merges=False,
+            )
+            high = first
         sensors.append(Sensor(SHIFT, name, rows, 0.5 * (high - low), "s", (low, high)))
     sensors += [Sensor(SCALE, name, rows) for _, name, rows, _ in _select(data, SCALE, scale)]
     for _, name, rows, header in _select(data, OFFSET, offset):
@@ -95,33 +114,23 @@ def read_sensors(data: MeasuredData, scale: Any, offset: Any, shift: Any) -> tup
     return tuple(sensors)
 
 
-def _read_bounds(name: str, bounds: Any, first: float) -> tuple[float, float]:
-    """Return the bounds of a shift, by default the first time of its data in both directions."""
-    pair = require_pair("fit", name, (-first, first) if bounds is None else bounds, _BOUNDS)
-    low, high = (as_real(convert_text("fit", name, x, "s")) for x in pair)
-    if low is None or high is None or not -np.inf < low < min(high, first):
-        raise BeamdaeError(
-            f"fit: {name} must be {_BOUNDS}, at most the first time of its data, {first:g} s, "
-            f"because the run starts at 0 s, got {short_repr(pair)}; change the bounds, or omit "
-            "earlier data."
-        )
-    if high > first:
-        warn_user(
-            f"fit: {name} can be at most the first time of its data, {first:g} s, because the run "
-            f"starts at 0 s; omit data before {high:g} s for the bound {high:g} s.",
-            InputWarning,
-            merges=False,
-        )
-    return low, min(high, first)
-
-
 def _select(data: MeasuredData, kind: str, entries: Any) -> Iterator[tuple[Any, str, Array, str]]:
     """Yield each entry of an argument, the name of the sensor, True (N,) for its rows, a header."""
     used, names = np.zeros(len(data.table), bool), set[str]()
     for entry in require_iterable(
         "fit", kind, [entries] if isinstance(entries, str) else entries, _NAMES
     ):
-        experiment, column = _split(data, kind, entry)
+        experiment: Any = None
+        if isinstance(entry, str):
+            # "column" or "experiment:column"
+            found = [x for x in data.experiments if x and entry.startswith(f"{x}:")]
+            column: Any = entry
+            if found and not data.find(entry):
+                experiment, column = found[0], entry.removeprefix(f"{found[0]}:")
+        else:
+            experiment, column = require_pair("fit", kind, entry, _NAMES)
+            if not (isinstance(experiment, str) and isinstance(column, str)):
+                raise BeamdaeError(f"fit: {kind} must be {_NAMES}, got {short_repr(entry)}.")
         chosen = data.find(column, experiment)
         if not chosen:
             columns = dict.fromkeys(f"{x.header} ({x.name_in_data})" for x in data.sources)
@@ -145,16 +154,3 @@ def _select(data: MeasuredData, kind: str, entries: Any) -> Iterator[tuple[Any, 
             )
         used, names = used | rows, names | {label}
         yield entry, f"{kind} of {label}", rows, header
-
-
-def _split(data: MeasuredData, kind: str, entry: Any) -> tuple[str | None, str]:
-    """Return the experiment and the column of "column", "experiment:column" or a pair."""
-    if isinstance(entry, str):
-        found = [x for x in data.experiments if x and entry.startswith(f"{x}:")]
-        if not found or data.find(entry):
-            return None, entry
-        return found[0], entry.removeprefix(f"{found[0]}:")
-    experiment, column = require_pair("fit", kind, entry, _NAMES)
-    if not (isinstance(experiment, str) and isinstance(column, str)):
-        raise BeamdaeError(f"fit: {kind} must be {_NAMES}, got {short_repr(entry)}.")
-    return experiment, column

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -10,41 +10,42 @@ from typing import Any
 import numpy as np
 
 from beamdae import deferred
-from beamdae.analysis.gradients.column_seeds import (
-    ColumnSeeds,
-    differentiate_objective,
-)
 from beamdae.analysis.gradients.flat_model import FlatModel, flatten_model
 from beamdae.analysis.gradients.objectives import (
     Objective,
     Quantity,
     SampleGrid,
 )
-from beamdae.analysis.sensitivities.differentiable_run import (
-    DifferentiableRun,
-    assess_derivatives,
-    require_differentiable_method,
-)
 from beamdae.analysis.sensitivities.linear_steps import Matrices, transpose_steps
-from beamdae.analysis.sensitivities.many_parameters import is_regular
-from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call
+from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call, is_regular
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_column,
     differentiate_run_columns,
+    group_times,
+    join_points,
     locate_column,
     read_column,
+    split_points,
 )
-from beamdae.analysis.sensitivities.requested_start import differentiate_starts
-from beamdae.analysis.sensitivities.restart_times import differentiate_event_time, find_stop
-from beamdae.analysis.sensitivities.run_chain import RunDerivative, node_state
+from beamdae.analysis.sensitivities.run_chain import (
+    COPIES_OF_ROWS,
+    DifferentiableRun,
+    assess_derivatives,
+    differentiate_event_time,
+    differentiate_starts,
+    find_stop,
+    node_state,
+    require_differentiable_method,
+)
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.errors import (
     BeamdaeError,
     record_warnings,
     short_repr,
 )
-from beamdae.integrators import GeneralizedAlpha, Integrator, Radau
+from beamdae.integrators import GeneralizedAlpha, Integrator
 from beamdae.integrators.reaction_balance import bound_reactions
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
@@ -55,11 +56,118 @@ from beamdae.results.solution import Solution
 
 Array = np.ndarray
 
+
+@dataclass
+class ColumnSeeds:
+    """Derivatives of an objective with respect to the states of a run, and directly to p.
+
+    Attributes
+    ----------
+    states
+        Derivatives with respect to (q, v, lam) at the nodes of each interval, (nodes, 2n + m).
+    numbers
+        Derivatives with respect to the numbers p in the formulas of observables, (n_p,).
+    operators
+        Derivatives with respect to the entries of `Observable.operator`, by number of the
+        observable.
+    """
+
+    states: list[Array]
+    numbers: Array
+    operators: dict[int, Array]
+
+    def contract(self, difference: Difference) -> float:
+        """Return the derivative with respect to a parameter at constant states of the run."""
+        result = float(self.numbers @ difference.along(lambda e: e.p))
+        for k, by in self.operators.items():
+            change = difference.along(lambda e, k=k: e.observables[k].operator)
+            result += float(change.multiply(by).sum())
+        return result
+
+
+def differentiate_objective(weights: Mapping[Objective, float], solution: Solution) -> ColumnSeeds:
+    """Return the derivatives of a weighted sum of objectives by the states of a run.
+
+    The parts of the model are active during the whole run.
+    """
+    equations, trajectory = solution.equations, solution.trajectory
+    n, m = equations.n, equations.m
+    # By columns: most objectives depend on few of them, and only these need memory.
+    states = [np.zeros((len(x.nodes), 2 * n + m), order="F") for x in trajectory.intervals]
+    result = ColumnSeeds(states, np.zeros(len(equations.p)), {})
+    grid, points_at = SampleGrid.of(trajectory), dict[tuple[bytes, bool], Any]()
+    for term, factor in weights.items():
+        times, (_, number, column) = term.sample_times(grid), locate_column(equations, term.column)
+        is_elastic = number is not None and equations.observables[number].is_elastic
+        key = times.tobytes(), is_elastic
+        if key not in points_at:
+            ((_, points),) = group_times(trajectory, times, is_elastic)
+            joined = join_points(points, trajectory, limited=True)
+            points_at[key] = solution.at_times(times), points, *joined
+        run, points, rows, at = points_at[key]
+        by_samples = factor * term.evaluate(read_column(run, term.column)[1], grid.weights)[1]
+        by_values = np.concatenate(
+            [
+                by_samples[x.here] if x.weights is None else x.weights.T @ by_samples[x.here]
+                for x in points
+            ]
+        )
+        blocks: Any = [(np.array([column]), by_values[:, None])]
+        if number is not None:
+            blocks = _differentiate_observable(
+                result, equations, number, column, rows, at, by_values
+            )
+        for columns, by_states in blocks:
+            for x, part in zip(points, split_points(points, by_states), strict=True):
+                interval, by_nodes = trajectory.intervals[x.interval], states[x.interval]
+                if x.nodes is not None:
+                    by_nodes[x.nodes[:, None], columns] += part
+                    continue
+                shares = interval.weights_at(x.times)
+                of_kinds = shares.positions, shares.velocities, shares.reactions
+                kind = min(int(columns[0]) // n, 2)
+                by_nodes[:, columns] += of_kinds[kind].T @ part
+                if kind == 0:
+                    by_nodes[:, n + columns] += shares.positions_by_velocities.T @ part
+    return result
+
+
+def _differentiate_observable(
+    seeds: ColumnSeeds,
+    e: EquationsOfMotion,
+    number: int,
+    column: int,
+    rows: Array,
+    at: State,
+    by: Array,
+) -> Iterator[tuple[Array, Array]]:
+    """Yield columns of (q, v, lam), (c,), and the derivatives by them, (states, c).
+
+    Derivatives by the numbers are added to `seeds`; `by` are those by the values of a column of an
+    observable, (states,).
+    """
+    # Operators have few columns; products with all coordinates would copy these.
+    o = e.observables[number]
+    acting, operator = o.active_columns
+    q, v = (np.asarray(x[:, acting] @ operator.T) for x in (at.q, at.v))
+    function = o.function.output(column).weighted_gradient()
+    gradient = function(rows, q, v, e.p[o.data], at.lam[:, o.rows], by[:, None])
+    ends = np.cumsum([q.shape[1], v.shape[1], o.data.stop - o.data.start])
+    *by_motion, by_p, by_lam = np.split(gradient, ends, axis=1)
+    seeds.numbers[o.data] += by_p.sum(axis=0)
+    for first, part, x in zip((0, e.n), by_motion, (at.q, at.v), strict=True):
+        # Most columns depend either on positions or on velocities.
+        if part.any():
+            by_operator = seeds.operators.setdefault(number, np.zeros(o.operator.shape))
+            by_operator += part.T @ x
+            yield first + acting, part @ operator
+    if by_lam.size:
+        yield 2 * e.n + np.arange(e.m)[o.rows], by_lam
+
+
 # A vibration over 16 periods had derivatives with errors of 2 % with rtol=1e-3, 0.2 % with 1e-4
 # and 0.02 % with 1e-5.
 DEFAULT_METHOD = GeneralizedAlpha(rtol=1e-4)
-# Copies of the states and of the derivatives with respect to them that are in memory at once.
-_COPIES_OF_ROWS = 3.0
 
 
 @read_only_data
@@ -263,7 +371,7 @@ class AdjointRun(DifferentiableRun):
         require_memory(
             derivative_call(),
             f"derivatives with respect to the states of {trajectory.steps} steps",
-            _COPIES_OF_ROWS * 8.0 * trajectory.steps * (3 * equations.n + equations.m),
+            COPIES_OF_ROWS * 8.0 * trajectory.steps * (3 * equations.n + equations.m),
             "use longer steps",
         )
 
@@ -292,13 +400,31 @@ class AdjointRun(DifferentiableRun):
         e = self.solution.equations
         if e.configurations is not None or e.redundant or find_stop(self.solution) is not None:
             return None
-        seeds, *by_start = transpose_run(weights, self.solution, self.method)
-        first = node_state(self.solution.trajectory.intervals[0], 0)
+        solution = bound_reactions(self.solution)
+        start, n, intervals = (
+            StartDerivatives(ConsistencySolver(e)),
+            e.n,
+            solution.trajectory.intervals,
+        )
+        seeds, matrices = differentiate_objective(weights, solution), Matrices()
+        # Between two intervals, a law has a breakpoint: positions and velocities are continuous.
+        for k in reversed(range(len(intervals))):
+            interval, by_nodes = intervals[k], seeds.states[k]
+            by_start, by_p = transpose_steps(self.method, start, interval, by_nodes[1:], matrices)
+            by_start[: 2 * n] += by_nodes[0, : 2 * n]
+            by_start[3 * n :] += by_nodes[0, 2 * n :]
+            v = intervals[k - 1].rows.v[-1] if k else interval.rows.v[0]
+            first = node_state(interval, 0)
+            by_state, by_numbers = start.gradient(start.start_map(*first, v), by_start)
+            seeds.numbers += by_p + by_numbers
+            if k:
+                seeds.states[k - 1][-1, : 2 * n] += by_state[: 2 * n]
         regular = {name: x for name, x in self.difference(names).items() if is_regular(x, e)}
+        first = node_state(self.solution.trajectory.intervals[0], 0)
         starts = differentiate_starts([*regular.values()], *first)
         result = {
-            name: seeds.contract(x) + float(np.hstack(by_start) @ np.hstack(start))
-            for (name, x), start in zip(regular.items(), starts, strict=True)
+            name: seeds.contract(x) + float(by_state[: 2 * n] @ np.hstack(along))
+            for (name, x), along in zip(regular.items(), starts, strict=True)
         }
         if others := [x for x in names if x not in result]:
             result |= self._contract(weights, others)
@@ -308,103 +434,44 @@ class AdjointRun(DifferentiableRun):
         self, weights: Mapping[Objective, float], names: Sequence[str]
     ) -> dict[str, float]:
         """Return the derivatives of a weighted sum of objectives along those of the run."""
-        return differentiate_along(weights, self.solution, *self.differentiate(names))
-
-
-def transpose_run(
-    weights: Mapping[Objective, float], solution: Solution, method: GeneralizedAlpha | Radau
-) -> tuple[ColumnSeeds, Array, Array]:
-    """Sweep backwards over all intervals of a run.
-
-    Between two intervals, a law has a breakpoint: positions and velocities are continuous.
-
-    Returns
-    -------
-    tuple
-        Derivatives by the numbers p, through columns and steps, and derivatives by
-        the requested initial coordinates and velocities, (n,) each.
-
-    Raises
-    ------
-    BeamdaeError
-        If steps cannot be transposed.
-    """
-    solution = bound_reactions(solution)
-    equations, intervals = solution.equations, solution.trajectory.intervals
-    start, n = StartDerivatives(ConsistencySolver(equations)), equations.n
-    seeds = differentiate_objective(weights, equations, solution.trajectory)
-    matrices = Matrices()
-    for k in reversed(range(len(intervals))):
-        interval, by_nodes = intervals[k], seeds.states[k]
-        by_start, by_p = transpose_steps(method, start, interval, by_nodes[1:], matrices)
-        by_start[: 2 * n] += by_nodes[0, : 2 * n]
-        by_start[3 * n :] += by_nodes[0, 2 * n :]
-        v = intervals[k - 1].rows.v[-1] if k else interval.rows.v[0]
-        by_state, by_numbers = start.gradient(
-            start.start_map(*node_state(interval, 0), v), by_start
-        )
-        seeds.numbers += by_p + by_numbers
-        if k:
-            seeds.states[k - 1][-1, : 2 * n] += by_state[: 2 * n]
-    return seeds, by_state[:n], by_state[n : 2 * n]
-
-
-def differentiate_along(
-    weights: Mapping[Objective, float],
-    solution: Solution,
-    differences: Mapping[str, Difference],
-    derivatives: Mapping[str, RunDerivative],
-) -> dict[str, float]:
-    """Return the derivatives of a weighted sum of objectives by parameter.
-
-    Parameters
-    ----------
-    weights, solution
-        Weights of the objectives, and run.
-    differences, derivatives
-        Models at neighboring values, and derivatives of the run, by parameter.
-    """
-    solution = bound_reactions(solution)
-    equations, trajectory = solution.equations, solution.trajectory
-    along = {name: x.trajectory for name, x in derivatives.items()}
-    # Times of restarts and of the end [s], and their derivatives by parameter.
-    shifts = np.array([x.shifts for x in derivatives.values()])
-    restarts = [float(x.t[0]) for x in trajectory.intervals]
-    bounds = [(t, dt) for t, dt in zip(restarts, shifts.T, strict=True) if dt.any()]
-    stop = find_stop(solution)
-    if stop is not None:
-        last = {name: x.intervals[-1] for name, x in along.items()}
-        end, interval = trajectory.end, trajectory.intervals[-1]
-        by_name = differentiate_event_time(equations, stop, interval, end, last, differences)
-        bounds.append((end, np.array([by_name[name] for name in derivatives])))
-    grid, result = SampleGrid.of(trajectory), np.zeros(len(derivatives))
-    for term, factor in weights.items():
-        times, (_, number, column) = term.sample_times(grid), locate_column(equations, term.column)
-        values = read_column(solution.at_times(times), term.column)[1]
-        value, by_values = term.evaluate(values, grid.weights)
-        if number is None:
-            states = {name: x.at(times)[1] for name, x in along.items()}
-            rows = {name: np.hstack([x.q, x.v, x.lam]) for name, x in states.items()}
-        else:
-            rows = differentiate_run_columns(
-                equations, trajectory, times, along, differences, [number]
-            )
-        result += factor * np.array([by_values @ rows[name][:, column] for name in derivatives])
-        for t, dt in bounds:
-            result += factor * _rate_by_time(term, value, solution, t) * dt
-    return dict(zip(derivatives, result.tolist(), strict=True))
-
-
-def _rate_by_time(term: Objective, value: float, solution: Solution, t: float) -> float:
-    """Return the derivative of a term with respect to the time `t` [s] of a restart or the end.
-
-    The states are those at fixed times, so that at restarts only integrals of columns that jump
-    have a derivative.
-    """
-    trajectory = solution.trajectory
-    is_end, duration = t == trajectory.end, trajectory.end - trajectory.start
-    sides = np.array([t] if is_end else [t, np.nextafter(t, np.inf)])
-    header, values = read_column(solution.at_times(sides), term.column)
-    rate = float(differentiate_column(solution, header, sides)[0]) if is_end else 0.0
-    before, *after = (term.end_derivative(value, y, rate, duration) for y in values.tolist())
-    return before - sum(after)
+        differences, derivatives = self.differentiate(names)
+        solution = bound_reactions(self.solution)
+        equations, trajectory = solution.equations, solution.trajectory
+        along = {name: x.trajectory for name, x in derivatives.items()}
+        # Times of restarts and of the end [s], and their derivatives by parameter.
+        shifts = np.array([x.shifts for x in derivatives.values()])
+        restarts = [float(x.t[0]) for x in trajectory.intervals]
+        bounds = [(t, dt) for t, dt in zip(restarts, shifts.T, strict=True) if dt.any()]
+        stop = find_stop(solution)
+        if stop is not None:
+            last = {name: x.intervals[-1] for name, x in along.items()}
+            end, interval = trajectory.end, trajectory.intervals[-1]
+            by_name = differentiate_event_time(equations, stop, interval, end, last, differences)
+            bounds.append((end, np.array([by_name[name] for name in names])))
+        grid, result = SampleGrid.of(trajectory), np.zeros(len(names))
+        for term, factor in weights.items():
+            times = term.sample_times(grid)
+            _, number, column = locate_column(equations, term.column)
+            values = read_column(solution.at_times(times), term.column)[1]
+            value, by_values = term.evaluate(values, grid.weights)
+            if number is None:
+                states = {name: x.at(times)[1] for name, x in along.items()}
+                rows = {name: np.hstack([x.q, x.v, x.lam]) for name, x in states.items()}
+            else:
+                rows = differentiate_run_columns(
+                    equations, trajectory, times, along, differences, [number]
+                )
+            result += factor * np.array([by_values @ rows[name][:, column] for name in names])
+            duration = trajectory.end - trajectory.start
+            for t, dt in bounds:
+                # The states are those at fixed times, so that at restarts only integrals of columns
+                # that jump have a derivative.
+                is_end = t == trajectory.end
+                sides = np.array([t] if is_end else [t, np.nextafter(t, np.inf)])
+                header, at_sides = read_column(solution.at_times(sides), term.column)
+                rate = float(differentiate_column(solution, header, sides)[0]) if is_end else 0.0
+                before, *after = (
+                    term.end_derivative(value, y, rate, duration) for y in at_sides.tolist()
+                )
+                result += factor * (before - sum(after)) * dt
+        return dict(zip(names, result.tolist(), strict=True))

@@ -23,7 +23,7 @@ from beamdae.errors import (
 )
 from beamdae.read_only import read_only_data
 from beamdae.results.solution import Solution
-from beamdae.results.trajectory import Interval, Trajectory
+from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
@@ -485,23 +485,23 @@ class SampleGrid(NamedTuple):
             If the run stores only some of its steps.
         """
         trajectory.require_all_steps("objectives")
-        grids = [_interval_grid(x, k > 0) for k, x in enumerate(trajectory.intervals)]
+        grids, (points, shares) = [], gauss_points(_POINTS_PER_STEP)
+        for k, interval in enumerate(trajectory.intervals):
+            t = interval.t
+            if interval.nodes_per_step > 1:
+                half = 0.5 * np.diff(t)[:, None]
+                grids.append(
+                    ((t[:-1, None] + half * (1.0 + points)).ravel(), (half * shares).ravel())
+                )
+                continue
+            # Columns may jump at a restart; results at this time are those before the jump.
+            after = np.maximum(t, np.nextafter(t[0], np.inf)) if k > 0 else t
+            grids.append((after, 0.5 * (np.diff(t, append=t[-1:]) + np.diff(t, prepend=t[:1]))))
         t, weights = (np.concatenate(x) for x in zip(*grids, strict=True))
         # Steps may have no length.
         t, position = np.unique(t, return_inverse=True)
         weights = np.bincount(position, weights, len(t))
         return cls(t, weights, trajectory.start, trajectory.end)
-
-
-def _interval_grid(interval: Interval, is_restart: bool) -> tuple[Array, Array]:
-    t = interval.t
-    if interval.nodes_per_step == 1:
-        # Columns may jump at a restart; results at this time are those before the jump.
-        after = np.maximum(t, np.nextafter(t[0], np.inf)) if is_restart else t
-        return after, _trapezoidal_weights(t)
-    points, weights = gauss_points(_POINTS_PER_STEP)
-    half = 0.5 * np.diff(t)[:, None]
-    return (t[:-1, None] + half * (1.0 + points)).ravel(), (half * weights).ravel()
 
 
 def read_numbers(
@@ -522,7 +522,3 @@ def require_deviations(part: str, sigma: Array, count: int, noun: str) -> None:
             f"{part}: sigma must be positive, one number or one for each {noun} ({count}), got "
             f"{short_repr(sigma.tolist() if len(sigma) != 1 else float(sigma[0]))}."
         )
-
-
-def _trapezoidal_weights(t: Array) -> Array:
-    return 0.5 * (np.diff(t, append=t[-1:]) + np.diff(t, prepend=t[:1]))

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import Any
+from functools import cache, cached_property, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,16 +34,16 @@ from beamdae.analysis.optimization.quantities import (
     Mass,
     ParameterFunction,
 )
-from beamdae.analysis.sensitivities.differentiable_run import require_differentiable_method
-from beamdae.analysis.sensitivities.many_parameters import difference_models
 from beamdae.analysis.sensitivities.modes import differentiate_modes
 from beamdae.analysis.sensitivities.neighbors import (
     STENCILS,
     Difference,
     Neighbors,
+    difference_models,
     first_difference,
 )
 from beamdae.analysis.sensitivities.observable_derivatives import read_column
+from beamdae.analysis.sensitivities.run_chain import require_differentiable_method
 from beamdae.analysis.sensitivities.statics import differentiate_path
 from beamdae.analysis.statics.static_equilibrium import equilibrium
 from beamdae.equations.equations_of_motion import EquationsOfMotion
@@ -53,13 +53,12 @@ from beamdae.errors import BeamdaeError, as_real, short_repr
 from beamdae.integrators import Integrator
 from beamdae.parts.mechanism import AS_DRAWN, EQUILIBRIUM
 from beamdae.results.columns import require_one_column
+from beamdae.results.equilibrium import Equilibrium
 from beamdae.simulation import as_equations
 
 Array = np.ndarray
 
 _NAME = "optimize"
-# Free motions that are computed before the first vibration, at most.
-_MAX_FREE_MOTIONS = 64
 
 as_drawn = partial(as_equations, _NAME, start=AS_DRAWN)
 
@@ -101,227 +100,170 @@ class DesignModel:
         return difference_models(self.flat, list(self.flat.entries), self.equations, as_drawn)
 
 
-class Analysis:
-    """One analysis of a model at values of its parameters; base class.
+class Analysis(NamedTuple):
+    """One analysis of a model at values of its parameters.
 
     Attributes
     ----------
     result
         Result of the analysis, None if there is none.
+    values
+        Values of its quantities.
+    gradient
+        Function that returns the gradient (k,) of a weighted sum of quantities.
+    maxima
+        Function that returns the values, with the maximum over the run for smooth maxima.
     """
 
-    result: Any = None
-
-    def value(self, quantity: Any) -> float:
-        """Return the value of a quantity of the analysis."""
-        raise NotImplementedError
-
-    def maximum(self, quantity: Any) -> float:
-        """Return the maximum over the run of a smooth maximum, and the value of others."""
-        return self.value(quantity)
-
-    def gradient(self, weights: Mapping[Any, float]) -> Array:
-        """Return the gradient (k,) of a weighted sum of quantities."""
-        raise NotImplementedError
+    result: Any
+    values: dict[Any, float]
+    gradient: Callable[[Mapping[Any, float]], Array]
+    maxima: Callable[[], dict[Any, float]] | None = None
 
 
-class RunAnalysis(Analysis):
-    """A run; gradients by the adjoint, one backward sweep per call."""
+def _analyze_run(
+    model: DesignModel, quantities: Sequence[Objective], settings: RunSettings
+) -> Analysis:
+    """Integrate the model; gradients by the adjoint take one backward sweep per call."""
+    method = require_differentiable_method(settings.integrator, DEFAULT_METHOD)
+    run = AdjointRun.of(model.flat, method, settings.start, t_end=settings.t_end)
+    solution = run.solution
+    values = {x: x.evaluate_run(solution) for x in quantities}
 
-    def __init__(
-        self, model: DesignModel, quantities: Sequence[Any], settings: RunSettings
-    ) -> None:
-        method = require_differentiable_method(settings.integrator, DEFAULT_METHOD)
-        self._model = model
-        self._run = AdjointRun.of(model.flat, method, settings.start, t_end=settings.t_end)
-        self.result = self._run.solution
+    def differentiate(weights: Mapping[Objective, float]) -> Array:
+        if solution.equations.start is None:
+            run.neighbors |= model.differences
+        return run.gradient(weights)
 
-    def value(self, quantity: Objective) -> float:
-        """See `Analysis`."""
-        return quantity.evaluate_run(self.result)
+    def find_maxima() -> dict[Any, float]:
+        smooth = [x for x in quantities if isinstance(x, SmoothMaximum)]
+        samples = solution.at_times(SampleGrid.of(solution.trajectory).t)
+        columns = {x: read_column(samples, x.column)[1] for x in smooth}
+        return values | {x: float(np.max(np.abs(y))) for x, y in columns.items()}
 
-    def maximum(self, quantity: Objective) -> float:
-        """See `Analysis`."""
-        if not isinstance(quantity, SmoothMaximum):
-            return self.value(quantity)
-        samples = self.result.at_times(SampleGrid.of(self.result.trajectory).t)
-        return float(np.max(np.abs(read_column(samples, quantity.column)[1])))
-
-    def gradient(self, weights: Mapping[Objective, float]) -> Array:
-        """See `Analysis`."""
-        if self.result.equations.start is None:
-            self._run.neighbors |= self._model.differences
-        return self._run.gradient(weights)
+    return Analysis(solution, values, differentiate, find_maxima)
 
 
-class PathAnalysis(Analysis):
-    """An equilibrium path, see `equilibrium_sensitivities`."""
+def _analyze_path(
+    model: DesignModel, quantities: Sequence[EquilibriumQuantity], settings: RunSettings
+) -> Analysis:
+    """Follow an equilibrium path, see `equilibrium_sensitivities`."""
+    flat, names = model.flat, list(model.flat.entries)
+    path = equilibrium(model.mechanism, **quantities[0].path, start=settings.start)
+    if not path.status.success:
+        raise BeamdaeError(
+            f"{_NAME}: the equilibrium path of {flat.name} did not reach its end "
+            f"({path.status.sentence})."
+        )
+    path = replace(path, model={"name": flat.name, "parameters": flat.whole.parameters})
+    values, rows, factors = {}, {}, {}
+    for quantity in quantities:
+        values[quantity], rows[quantity], factors[quantity] = _read_path(path, quantity, flat.name)
 
-    def __init__(
-        self, model: DesignModel, quantities: Sequence[EquilibriumQuantity], settings: RunSettings
-    ) -> None:
-        self._model, flat = model, model.flat
-        path = equilibrium(model.mechanism, **quantities[0].path, start=settings.start)
-        if not path.status.success:
-            raise BeamdaeError(
-                f"{_NAME}: the equilibrium path of {flat.name} did not reach its end "
-                f"({path.status.sentence})."
-            )
-        self.result = replace(path, model={"name": flat.name, "parameters": flat.whole.parameters})
-        self._quantities = quantities
+    @cache
+    def compute_sensitivities() -> Any:
+        needed = np.unique(np.concatenate(list(rows.values()))).tolist()
+        return differentiate_path(flat, names, path, needed, model.differences)
 
-    def value(self, quantity: EquilibriumQuantity) -> float:
-        """See `Analysis`."""
-        return self._read(quantity)[0]
-
-    def gradient(self, weights: Mapping[EquilibriumQuantity, float]) -> Array:
-        """See `Analysis`."""
-        result, along = np.zeros(len(self._model.flat.entries)), self._sensitivities
+    def differentiate(weights: Mapping[Any, float]) -> Array:
+        result, along = np.zeros(len(names)), compute_sensitivities()
         for quantity, weight in weights.items():
-            _, rows, factors = self._read(quantity)
-            for k, name in enumerate(self._model.flat.entries):
+            for k, name in enumerate(names):
                 if isinstance(quantity, CriticalLoad):
                     rates = np.sum(along.factors[name], axis=1)
                 else:
-                    rates = along.sensitivity(quantity.column, name).to_numpy()  # type: ignore[attr-defined]
-                result[k] += weight * float(factors @ rates[rows])
+                    rates = along.sensitivity(quantity.column, name).to_numpy()
+                result[k] += weight * float(factors[quantity] @ rates[rows[quantity]])
         return result
 
-    def _read(self, quantity: Any) -> tuple[float, Array, Array]:
-        """Return a value, the rows of the path from which it is read, and its derivatives."""
-        path = self.result
-        if isinstance(quantity, CriticalLoad):
-            if len(path.critical) < quantity.number:
-                raise BeamdaeError(
-                    f"{_NAME}: the equilibrium path of {self._model.flat.name} to load factor "
-                    f"{path.factor:g} has {len(path.critical)} critical points, but "
-                    f"{quantity.label} is requested; increase to=."
-                )
-            point = path.critical[quantity.number - 1]
-            return float(point.factor), np.array([point.row]), np.ones(1)
-        column = path[quantity.column]
-        if column.ndim > 1:
-            require_one_column(_NAME, quantity.column, list(column))
-        if column.ndim != 1 or column.dtype == object:
+    return Analysis(path, values, differentiate)
+
+
+def _read_path(path: Equilibrium, quantity: Any, name: str) -> tuple[float, Array, Array]:
+    """Return a value, the rows of the path from which it is read, and its derivatives."""
+    if isinstance(quantity, CriticalLoad):
+        if len(path.critical) < quantity.number:
             raise BeamdaeError(
-                f"{_NAME}: {quantity.column!r} must name a single column of numbers of the "
-                "equilibrium."
+                f"{_NAME}: the equilibrium path of {name} to load factor {path.factor:g} has "
+                f"{len(path.critical)} critical points, but {quantity.label} is requested; "
+                "increase to=."
             )
-        rows = np.array([len(path.q) - 1])
-        if not isinstance(quantity, EquilibriumErrors):
-            return float(column.to_numpy()[-1]), rows, np.ones(1)
-        reached = path.factors[:, -1]
-        if isinstance(quantity.to, Mapping):
-            reached = path[next(iter(quantity.to))].to_numpy()
-        rows = np.argmin(np.abs(reached[:, None] - quantity.targets), axis=0)
-        errors = (column.to_numpy()[rows] - quantity.values) / quantity.sigma
-        return float(errors @ errors), rows, 2.0 * errors / quantity.sigma
+        point = path.critical[quantity.number - 1]
+        return float(point.factor), np.array([point.row]), np.ones(1)
+    column: Any = path[quantity.column]
+    if column.ndim > 1:
+        require_one_column(_NAME, quantity.column, list(column))
+    if column.ndim != 1 or column.dtype == object:
+        raise BeamdaeError(
+            f"{_NAME}: {quantity.column!r} must name a single column of numbers of the equilibrium."
+        )
+    if not isinstance(quantity, EquilibriumErrors):
+        return float(column.to_numpy()[-1]), np.array([len(path.q) - 1]), np.ones(1)
+    reached = path.factors[:, -1]
+    if isinstance(quantity.to, Mapping):
+        reached = path[next(iter(quantity.to))].to_numpy()
+    rows = np.argmin(np.abs(reached[:, None] - quantity.targets), axis=0)
+    errors = (column.to_numpy()[rows] - quantity.values) / quantity.sigma
+    return float(errors @ errors), rows, 2.0 * errors / quantity.sigma
 
-    @cached_property
-    def _sensitivities(self) -> Any:
-        rows = np.unique(np.concatenate([self._read(x)[1] for x in self._quantities])).tolist()
-        names, known = list(self._model.flat.entries), self._model.differences
-        return differentiate_path(self._model.flat, names, self.result, rows, known)
 
-
-class ModeAnalysis(Analysis):
-    """Natural modes without damping."""
-
-    def __init__(
-        self, model: DesignModel, quantities: Sequence[Frequency], settings: RunSettings
-    ) -> None:
-        self._flat, about = model.flat, quantities[0].about
-        number = max(x.number for x in quantities)
-        self._about = about or REFERENCE
-        self.result = _compute_vibrations(model.mechanism, self._about, number)
-        if about is None and not self._is_balanced:
-            self._about = EQUILIBRIUM
-            self.result = _compute_vibrations(model.mechanism, self._about, number)
-
-    @property
-    def _is_balanced(self) -> bool:
-        """True if the loads of the model are balanced in the state of the modes."""
-        return not self.result._linearization.zero_square > 0.0
-
-    def _row(self, quantity: Frequency) -> int:
-        vibrations = list_vibrations(self.result)
-        if len(vibrations) < quantity.number:
+def _analyze_modes(
+    model: DesignModel, quantities: Sequence[Frequency], settings: RunSettings
+) -> Analysis:
+    """Compute natural modes without damping."""
+    flat, number = model.flat, max(x.number for x in quantities)
+    given = quantities[0].about
+    for about in [given] if given else [REFERENCE, EQUILIBRIUM]:
+        modes = _compute_vibrations(model.mechanism, about, number)
+        # The loads of the model are balanced in the state of the modes.
+        if is_balanced := not modes._linearization.zero_square > 0.0:
+            break
+    vibrations, values = list_vibrations(modes), {}
+    for x in quantities:
+        if len(vibrations) < x.number:
             raise BeamdaeError(
-                f"{_NAME}: {self._flat.name} has {len(vibrations)} natural frequencies above zero, "
-                f"but {quantity.label} is requested."
+                f"{_NAME}: {flat.name} has {len(vibrations)} natural frequencies above zero, but "
+                f"{x.label} is requested."
             )
-        return vibrations[quantity.number - 1]
+        values[x] = float(modes.frequencies[vibrations[x.number - 1]])
 
-    def value(self, quantity: Frequency) -> float:
-        """See `Analysis`."""
-        return float(self.result.frequencies[self._row(quantity)])
-
-    def gradient(self, weights: Mapping[Frequency, float]) -> Array:
-        """See `Analysis`."""
-        rows, factors = [self._row(x) for x in weights], np.array(list(weights.values()))
-        columns = (self._sensitivities.sensitivity("frequency", x) for x in self._flat.entries)
-        return np.array([factors @ column.to_numpy()[rows] for column in columns])
-
-    @cached_property
-    def _sensitivities(self) -> Any:
-        if not self._is_balanced:
+    @cache
+    def compute_sensitivities() -> Any:
+        if not is_balanced:
             raise BeamdaeError(
-                f"{_NAME}: frequencies about the {self._about} of {self._flat.name} cannot be "
-                "differentiated, because its loads are not balanced there; use "
+                f"{_NAME}: frequencies about the {about} of {flat.name} cannot be differentiated, "
+                "because its loads are not balanced there; use "
                 "Frequency(number, about='equilibrium')."
             )
-        names = list(self._flat.entries)
-        return differentiate_modes(self._flat, names, self.result, self._about, False, 0.0)
+        return differentiate_modes(flat, list(flat.entries), modes, about, False, 0.0)
+
+    def differentiate(weights: Mapping[Frequency, float]) -> Array:
+        rows, factors = [vibrations[x.number - 1] for x in weights], np.array([*weights.values()])
+        columns = (compute_sensitivities().sensitivity("frequency", x) for x in flat.entries)
+        return np.array([factors @ column.to_numpy()[rows] for column in columns])
+
+    return Analysis(modes, values, differentiate)
 
 
-class MassAnalysis(Analysis):
-    """Mass of the model, from its mass matrix."""
+def _analyze_mass(
+    model: DesignModel, quantities: Sequence[Mass], settings: RunSettings
+) -> Analysis:
+    """Compute the mass of the model from its mass matrix."""
 
-    def __init__(
-        self, model: DesignModel, quantities: Sequence[Mass], settings: RunSettings
-    ) -> None:
-        self._model = model
-
-    def value(self, quantity: Mass) -> float:
-        """See `Analysis`."""
-        return compute_mass(self._model.equations)
-
-    def gradient(self, weights: Mapping[Mass, float]) -> Array:
-        """See `Analysis`."""
-        rates = [x.along(compute_mass) for x in self._model.differences.values()]
+    def differentiate(weights: Mapping[Mass, float]) -> Array:
+        rates = [x.along(compute_mass) for x in model.differences.values()]
         return sum(weights.values()) * np.array(rates)
 
+    mass = compute_mass(model.equations)
+    return Analysis(None, dict.fromkeys(quantities, mass), differentiate)
 
-class ParameterAnalysis(Analysis):
-    """Functions of the parameters alone."""
 
-    def __init__(
-        self, model: DesignModel, quantities: Sequence[ParameterFunction], settings: RunSettings
-    ) -> None:
-        self._flat = model.flat
+def _analyze_parameters(
+    model: DesignModel, quantities: Sequence[ParameterFunction], settings: RunSettings
+) -> Analysis:
+    """Evaluate functions of the parameters alone."""
 
-    def value(self, quantity: ParameterFunction) -> float:
-        """See `Analysis`."""
-        return self._evaluate(quantity, self._flat.whole.parameters)
-
-    def gradient(self, weights: Mapping[ParameterFunction, float]) -> Array:
-        """See `Analysis`; NaN where a function is not defined on either side."""
-        result = np.full(len(self._flat.entries), np.nan)
-        for k, (name, value) in enumerate(self._flat.parameters.items()):
-            for stencil in STENCILS:
-                near = Neighbors((), stencil, first_difference(value))
-                with suppress(ValueError, ArithmeticError), np.errstate(all="ignore"):
-                    moved = [self._flat.change({name: value + x}) for x in near.steps]
-                    values = [
-                        sum(w * self._evaluate(x, y) for x, w in weights.items()) for y in moved
-                    ]
-                    if np.all(np.isfinite(values)):
-                        result[k] = near.combine(values)
-                        break
-        return result
-
-    @staticmethod
-    def _evaluate(quantity: ParameterFunction, parameters: Mapping[str, Any]) -> float:
+    def evaluate(quantity: ParameterFunction, parameters: Mapping[str, Any]) -> float:
         value = quantity.call(parameters)
         number = as_real(value)
         if number is None:
@@ -330,13 +272,30 @@ class ParameterAnalysis(Analysis):
             )
         return number
 
+    def differentiate(weights: Mapping[ParameterFunction, float]) -> Array:
+        """Return the gradient, NaN where a function is not defined on either side."""
+        result = np.full(len(model.flat.entries), np.nan)
+        for k, (name, value) in enumerate(model.flat.parameters.items()):
+            for stencil in STENCILS:
+                near = Neighbors((), stencil, first_difference(value))
+                with suppress(ValueError, ArithmeticError), np.errstate(all="ignore"):
+                    moved = [model.flat.change({name: value + x}) for x in near.steps]
+                    values = [sum(w * evaluate(x, y) for x, w in weights.items()) for y in moved]
+                    if np.all(np.isfinite(values)):
+                        result[k] = near.combine(values)
+                        break
+        return result
 
-ANALYSES: dict[str, type[Any]] = {
-    RUN: RunAnalysis,
-    EQUILIBRIUM_PATH: PathAnalysis,
-    MODES: ModeAnalysis,
-    MASS: MassAnalysis,
-    PARAMETERS: ParameterAnalysis,
+    parameters = model.flat.whole.parameters
+    return Analysis(None, {x: evaluate(x, parameters) for x in quantities}, differentiate)
+
+
+ANALYSES: dict[str, Callable[..., Analysis]] = {
+    RUN: _analyze_run,
+    EQUILIBRIUM_PATH: _analyze_path,
+    MODES: _analyze_modes,
+    MASS: _analyze_mass,
+    PARAMETERS: _analyze_parameters,
 }
 
 
@@ -353,7 +312,7 @@ def _compute_vibrations(mechanism: Any, about: str, number: int) -> Modes:
     while True:
         modes = compute_modes(mechanism, about, count, damping=False)
         missing = number - len(list_vibrations(modes))
-        if missing <= 0 or len(modes) < count or count > number + _MAX_FREE_MOTIONS:
+        if missing <= 0 or len(modes) < count:
             return modes
         count += missing
 

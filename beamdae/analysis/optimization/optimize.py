@@ -33,8 +33,6 @@ from beamdae.interrupts import (
 )
 from beamdae.model_functions import Model
 
-_MAX_NAMES = 5  # of numbers without effect in a warning
-
 
 @interruptible
 def optimize(
@@ -184,7 +182,7 @@ def optimize(
         if search.idle:
             warn_user(
                 "optimize: neither the objective nor a constraint depends on "
-                f"{list_first(search.idle, _MAX_NAMES)} at the best design."
+                f"{list_first(search.idle)} at the best design."
             )
         if not result.status.success:
             warn_of_incomplete_result(f"optimize: {result.status.sentence}.")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.optimize import nnls
 
 from beamdae.analysis.gradients.flat_model import FlatModel, flatten_model
 from beamdae.analysis.gradients.gradients import DEFAULT_METHOD
@@ -18,13 +19,11 @@ from beamdae.analysis.optimization.analyses import (
     RunSettings,
     create_analysis,
 )
-from beamdae.analysis.optimization.optimality import Linearization
 from beamdae.analysis.optimization.quantities import (
     Limit,
     as_quantity,
 )
 from beamdae.analysis.parameter_bounds import LOG_ORIGIN, ParameterScales, read_bounds
-from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import (
     BeamdaeError,
     list_first,
@@ -38,13 +37,60 @@ from beamdae.simulation import silenced
 
 Array = np.ndarray
 
+_FAR = 1e3  # distance of bounds in steps of length 1
+
+
+@dataclass(frozen=True)
+class Linearization:
+    """Scaled objective and margins of a design, linearized in the variables of the search.
+
+    The gradient g of the objective and multipliers l >= 0 of the margins m with the Jacobian J
+    bound the decrease of the linearized objective within a step d of length 1 that keeps the
+    margins:
+
+        -g d <= |g - J^T l| + l m    for all l >= 0.
+
+    It is zero if and only if the conditions of Karush, Kuhn and Tucker hold; the multipliers
+    minimize the sum of the squares of both terms (Lawson & Hanson, Solving Least Squares Problems,
+    SIAM 1995, chapter 23, doi:10.1137/1.9781611971217).
+
+    Attributes
+    ----------
+    gradient
+        Gradient (k,) of the objective.
+    margins, jacobian
+        Margins (C,) of the limits, negative if these are violated, and their derivatives (C, k).
+    lower, upper
+        Distances (k,) to the bounds, not positive and not negative.
+    """
+
+    gradient: Array
+    margins: Array
+    jacobian: Array
+    lower: Array
+    upper: Array
+
+    def measure_decrease(self) -> tuple[float, Array]:
+        """Return the possible decrease of the objective and the multipliers (C,) of the limits.
+
+        Limits that are violated need not be satisfied, but must not become worse.
+        """
+        unit, margins = np.eye(len(self.gradient)), np.maximum(self.margins, 0.0)
+        # Bounds that are far away, or infinite, have no effect.
+        distances = np.concatenate([margins, -self.lower, self.upper]).clip(max=_FAR)
+        rows = np.vstack([np.hstack([self.jacobian.T, unit, -unit]), distances])
+        multipliers, _ = nnls(rows, np.append(self.gradient, 0.0), maxiter=100 * len(distances))
+        *slope, gap = rows @ multipliers
+        decrease = float(np.linalg.norm(self.gradient - slope) + gap)
+        return decrease, multipliers[: len(margins)]
+
+
 # Violation of a limit, relative to the limit, up to which a design satisfies it.
 FEASIBILITY_TOLERANCE = 1e-6
 # First values below this ratio to their change over the size of the numbers are rounding errors.
 _MIN_RELATIVE_VALUE = 1e-8
 _MIN_LOGARITHMIC_RATIO = 0.5  # of a value to its limit, from which on margins are logarithms
 _NAME = "optimize"
-_MAX_NAMES = 3  # of quantities in a message
 # Designs whose analyses are kept: the current one, the one of the last gradient and a trial.
 _KEPT_DESIGNS = 3
 
@@ -78,23 +124,21 @@ class Design:
     @cached_property
     def gradients(self) -> Array:
         """Gradients (1 + C, k) of the values with respect to the numbers of the model."""
-        with silenced():
-            return np.array([self._gradient(weights) for weights in self.weights])
-
-    def _gradient(self, weights: Mapping[AnalysisQuantity, float]) -> Array:
-        result = sum(
-            self.analyses[key].gradient({x: weights[x] for x in leaves})
-            for key, leaves in group_by_analysis(weights).items()
-        )
-        gradient = np.asarray(result, float)
-        if not np.all(np.isfinite(gradient)):
-            labels = list_first([x.label for x in weights], _MAX_NAMES)
-            raise BeamdaeError(
-                f"{_NAME}: the gradient of {labels} of {self.flat.name} is not finite; check "
-                "the model and its functions near these values of the parameters (a branch point "
-                "needs an imperfection)."
-            )
-        return gradient
+        rows = []
+        for weights in self.weights:
+            with silenced():
+                parts = [
+                    self.analyses[key].gradient({x: weights[x] for x in leaves})
+                    for key, leaves in group_by_analysis(weights).items()
+                ]
+            rows.append(np.sum(parts, axis=0))
+            if not np.all(np.isfinite(rows[-1])):
+                raise BeamdaeError(
+                    f"{_NAME}: the gradient of {list_first([x.label for x in weights])} of "
+                    f"{self.flat.name} is not finite; check the model and its functions near these "
+                    "values of the parameters (a branch point needs an imperfection)."
+                )
+        return np.array(rows)
 
     def maximum_ratio(self, limit: Limit, value: float) -> float:
         """Return the ratio of a quantity of maxima to that of smooth maxima, the value; at least 1.
@@ -103,8 +147,10 @@ class Design:
         """
         if min(limit.sign * value, limit.sign * limit.bound) <= 0.0:
             return 1.0
-        quantity = limit.quantity
-        maxima = {leaf: self.analyses[leaf.analysis].maximum(leaf) for leaf in quantity.leaves}
+        quantity, maxima = limit.quantity, dict[AnalysisQuantity, float]()
+        for key in {x.analysis for x in quantity.leaves}:
+            analysis = self.analyses[key]
+            maxima |= analysis.maxima() if analysis.maxima else analysis.values
         return max(1.0, quantity.differentiate(maxima)[0] / value)
 
 
@@ -220,10 +266,6 @@ class DesignProblem:
         """1 for upper limits, -1 for lower ones, (C,)."""
         return np.array([x.sign for x in self.limits], float)
 
-    def scaled_objective(self, values: Array) -> float:
-        """Return the scaled objective for values (1 + C,) of a design."""
-        return float(values[0] / self.scales[0])
-
     def margins(self, values: Array) -> Array:
         """Return the scaled margins (C,) of the limits; negative if these are violated."""
         bounds = np.array([x.bound for x in self.limits])
@@ -269,10 +311,28 @@ class DesignProblem:
         return replace(self, flat=self._move(values))
 
     def units_of(self, analyses: Sequence[Any]) -> list[str]:
-        """Return the units of the quantities, given the results of analyses; "" if unknown."""
-        equations = next((x.equations for x in analyses if hasattr(x, "equations")), None)
-        known = {} if equations is None else _list_column_units(equations)
-        return [quantity.find_unit(known) for quantity in self.quantities]
+        """Return the units of the quantities, given the results of analyses; "" if unknown.
+
+        Raises
+        ------
+        BeamdaeError
+            If a limit is in a unit of another quantity.
+        """
+        known: dict[str, str] = {}
+        if equations := next((x.equations for x in analyses if hasattr(x, "equations")), None):
+            headers = [x for observable in equations.observables for x in observable.headers]
+            known = {variable.name: variable.unit for variable in equations.coordinates}
+            known |= {name: split_unit(x)[1] for x in headers for name in (x, split_unit(x)[0])}
+        units = [quantity.find_unit(known) for quantity in self.quantities]
+        for limit, unit in zip(self.limits, units[1:], strict=True):
+            given, actual = parse_unit(limit.unit), parse_unit(unit)
+            if limit.unit and (given is None or actual is None or given[1] != actual[1]):
+                reason = f"is in {unit}" if unit else "has no known unit"
+                raise BeamdaeError(
+                    f"{_NAME}: the limit of {limit.quantity.label} is in {limit.unit}, but the "
+                    f"quantity {reason}; give the limit as a number in SI units."
+                )
+        return units
 
     def parameters(self, values: Array) -> dict[str, Any]:
         """Return all parameters of the model for values (k,) of the numbers."""
@@ -320,7 +380,7 @@ class DesignProblem:
         with silenced():
             for key, group in group_by_analysis(self.leaves).items():
                 analyses[key] = create_analysis(model, group, self.settings)
-                results |= {leaf: analyses[key].value(leaf) for leaf in group}
+                results |= analyses[key].values
         numbers, weights = zip(*(x.differentiate(results) for x in self.quantities), strict=True)
         for quantity, number in zip(self.quantities, numbers, strict=True):
             if not np.isfinite(number):
@@ -369,18 +429,6 @@ def create_problem(
     return DesignProblem(flat, goal, limits, lower, upper, settings, scales, ratios)
 
 
-def require_units(problem: DesignProblem, units: Sequence[str]) -> None:
-    """Reject limits in units of other quantities, given the units of the limited quantities."""
-    for limit, unit in zip(problem.limits, units, strict=True):
-        given, known = parse_unit(limit.unit), parse_unit(unit)
-        if limit.unit and (given is None or known is None or given[1] != known[1]):
-            reason = f"is in {unit}" if unit else "has no known unit"
-            raise BeamdaeError(
-                f"{_NAME}: the limit of {limit.quantity.label} is in {limit.unit}, but the "
-                f"quantity {reason}; give the limit as a number in SI units."
-            )
-
-
 def group_by_analysis(
     leaves: Iterable[AnalysisQuantity],
 ) -> dict[tuple[str, ...], list[AnalysisQuantity]]:
@@ -389,10 +437,3 @@ def group_by_analysis(
     for leaf in leaves:
         groups.setdefault(leaf.analysis, []).append(leaf)
     return groups
-
-
-def _list_column_units(equations: EquationsOfMotion) -> dict[str, str]:
-    """Return the units of coordinates and observed columns by name and by header."""
-    headers = [x for observable in equations.observables for x in observable.headers]
-    units = {variable.name: variable.unit for variable in equations.coordinates}
-    return units | {name: split_unit(x)[1] for x in headers for name in (x, split_unit(x)[0])}

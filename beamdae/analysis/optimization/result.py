@@ -34,7 +34,6 @@ Array = np.ndarray
 
 # Relative difference of objectives up to which several searches end at the same one.
 _EQUAL_OBJECTIVES = 1e-3
-_MAX_NOTES = 3  # on bounds in the short form of a result
 # Distances from a bound, in sizes of the number and relative to the bound, up to which a number is
 # at it.
 _BOUND_DISTANCE, _RELATIVE_DISTANCE = 1e-4, 1e-3
@@ -137,7 +136,7 @@ class Optimization(HasCsv, HasPage):
 
     def __repr__(self) -> str:
         notes = self.bound_notes
-        bounds = f"; {list_first(notes, _MAX_NOTES)}" if notes else ""
+        bounds = f"; {list_first(notes)}" if notes else ""
         count = len(self.constraints)
         limits = f", {format_count(count, 'constraint')}" if count else ""
         return (
@@ -319,10 +318,17 @@ def create_optimization(
             acknowledge()
             sentence = "interrupted while the best design was checked"
             search = replace(search, status=Status("interrupted", sentence))
+    is_active = np.abs(problem.margins(best.values)) <= problem.tolerances
+    values, constraints = (problem.ratios * best.values[1:]).tolist(), []
+    for k, (limit, value) in enumerate(zip(problem.limits, values, strict=True)):
+        margin, size = limit.margin(value), abs(limit.bound)
+        relative = 0.0 if is_active[k] else margin / size if size else math.nan
+        numbers = value, limit.bound, margin, float(search.multipliers[k]), relative
+        constraints.append(Constraint(limit.label, *numbers, search.units[1 + k]))
     optimization = Optimization(
         problem.flat.unflatten(best.numbers.tolist()),
         float(best.values[0]),
-        _list_constraints(search),
+        tuple(constraints),
         search.status,
         tuple(_find_active(problem, best.numbers)),
         len(search.trials),
@@ -354,19 +360,6 @@ def _list_warnings(problem: DesignProblem, results: Sequence[Any]) -> Iterator[s
         else:
             omitted = "" if uses_ends else getattr(result, "instability", "")
             yield from (x for x in result.warnings if x != omitted)
-
-
-def _list_constraints(search: SearchResult) -> tuple[Constraint, ...]:
-    problem = search.problem
-    is_active = np.abs(problem.margins(search.best.values)) <= problem.tolerances
-    values = (problem.ratios * search.best.values[1:]).tolist()
-    constraints = []
-    for k, (limit, value) in enumerate(zip(search.problem.limits, values, strict=True)):
-        margin, size = limit.margin(value), abs(limit.bound)
-        relative = 0.0 if is_active[k] else margin / size if size else math.nan
-        numbers = value, limit.bound, margin, float(search.multipliers[k]), relative
-        constraints.append(Constraint(limit.label, *numbers, search.units[1 + k]))
-    return tuple(constraints)
 
 
 def _find_active(problem: DesignProblem, numbers: Array) -> dict[str, str]:

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from beamdae.analysis.optimization.optimality import Linearization
 from beamdae.analysis.optimization.problem import (
     FEASIBILITY_TOLERANCE,
     DesignProblem,
-    require_units,
+    Linearization,
 )
 from beamdae.analysis.optimization.solvers import Method, SmoothProblem, relax_limits, solve
 from beamdae.analysis.parameter_bounds import draw_starts
@@ -38,7 +37,6 @@ _OPTIMALITY_TOLERANCE, _MIN_DECREASE = 0.05, 0.1
 # Relative difference of the maximum over a run from its assumed ratio to the smooth maximum.
 _RATIO_TOLERANCE = 1e-3
 _MAX_ROUNDS = 6  # of searches with other ratios of maxima
-_MAX_NAMES = 3  # in a sentence
 _INTERRUPTED = Status("interrupted", "interrupted before the end of all searches")
 
 
@@ -50,7 +48,6 @@ class SearchSettings:
     max_evaluations: int
     tolerance: float
     progress: Callable[[int, float, float], object] | None
-    earlier_designs: int = 0  # of earlier searches, for `progress`
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,18 +154,25 @@ class Search:
             If an analysis of the first design or its gradient fails.
         """
         problem = self._problem
-        first = problem.design(problem.first)
+        first, most = problem.design(problem.first), self._settings.max_evaluations
         units = tuple(problem.units_of(first.results))
-        require_units(problem, units[1:])
-        trial = self._keep(Trial(problem.first, first.values))
+        x = problem.variables.variables(problem.first)
+        trial = self._known[x.tobytes()] = Trial(problem.first, first.values)
         facts: dict[str, Any] = {"multipliers": np.full(len(problem.limits), np.nan)}
         try:
             self._problem = problem.scaled_by(first)
             self._report(trial)
-            status = self._search()
-            best = self._best()
-            facts = self._judge(self._problem.linearize(best.numbers, best.values))
-            status = self._conclude(status, units, facts["residual"])
+            status, best = self._search(), self._best()
+            point, scales = self._problem.linearize(best.numbers, best.values), self._problem.scales
+            decrease, multipliers = point.measure_decrease()
+            residual = decrease / max(float(np.linalg.norm(point.gradient)), _MIN_DECREASE)
+            has_effect = np.any(np.vstack([point.gradient, point.jacobian]), axis=0)
+            facts = {
+                "multipliers": multipliers * scales[0] / scales[1:],
+                "residual": residual,
+                "idle": tuple(np.array(problem.names)[~has_effect].tolist()),
+            }
+            status = self._conclude(status, units, residual)
         except KeyboardInterrupt:
             acknowledge()
             sentence = f"interrupted after {format_count(len(self._known), 'evaluation')}"
@@ -180,10 +184,9 @@ class Search:
             if self._problem is problem:
                 raise  # Errors of the first gradient concern the model rather than a design.
             status = self._conclude(Status("failed", describe_failure(failure)), units)
-        trials, most = tuple(self._known.values()), self._settings.max_evaluations
-        best = self._best()
+        trials, results = tuple(self._known.values()), first.results
         return SearchResult(
-            self._problem, best, trials, status, first.results, units, most, **facts
+            self._problem, self._best(), trials, status, results, units, most, **facts
         )
 
     def _search(self) -> Status:
@@ -194,7 +197,17 @@ class Search:
                 status = self._solve("SLSQP", relax_limits)
                 if status.success and not self._violation(self._best()):
                     status = self._solve(self._settings.method)
-            if not self._adopt_best() or not status.success:
+            # Further designs have the maxima of the best one.
+            problem = self._problem
+            design, limits = problem.design(self._best().numbers), problem.limits
+            rows = zip(limits, design.values[1:].tolist(), strict=True)
+            ratios = np.array([design.maximum_ratio(limit, value) for limit, value in rows])
+            is_off = np.abs(ratios - problem.ratios) > _RATIO_TOLERANCE * problem.ratios
+            # Maxima that do not reach their limit need no further search.
+            largest = np.maximum(ratios, problem.ratios) * np.abs(design.values[1:])
+            reaches = largest * (1.0 + _RATIO_TOLERANCE) > np.abs([x.bound for x in limits])
+            self._problem = replace(problem, ratios=np.where(is_off, ratios, problem.ratios))
+            if not (status.success and np.any(is_off & reaches)):
                 break
         return status
 
@@ -221,7 +234,7 @@ class Search:
         if trial.failure:
             return np.inf, np.zeros(len(problem.ratios))
         margins = problem.log_margins(problem.margins(trial.values))[0]
-        return problem.scaled_objective(trial.values), margins
+        return float(trial.values[0] / problem.scales[0]), margins
 
     def _gradients(self, x: Array) -> tuple[Array, Array]:
         """Return the derivatives of the function to minimize and of the margins.
@@ -240,71 +253,54 @@ class Search:
 
     def _evaluate(self, x: Array) -> Trial:
         """Analyze a design that is not known, unless the search has to end."""
-        count, problem = len(self._known), self._problem
-        if count >= self._settings.max_evaluations:
+        count, problem, settings = len(self._known), self._problem, self._settings
+        if count >= settings.max_evaluations:
             sentence = f"stopped after {format_count(count, 'evaluation')}"
             raise _SearchEndError("limited", f"{sentence}; increase max_evaluations=")
-        if self._is_within_noise(x):
-            raise _SearchEndError("ok", "values change by less than their errors")
+        if self._latest is not None:
+            # Line searches of values that jump between designs would only compare these jumps.
+            here, point = self._latest
+            changes = np.abs(np.vstack([point.gradient, point.jacobian]) @ (x - here))
+            if np.all(changes <= np.maximum(problem.noise, settings.tolerance)):
+                raise _SearchEndError("ok", "values change by less than their errors")
         numbers = problem.variables.values(x)
         try:
             trial = Trial(numbers, problem.design(numbers).values)
         except (ValueError, ArithmeticError) as failure:
             # BeamdaeError, or an error of the model function at extreme values.
             nothing = np.full(1 + len(problem.ratios), np.nan)
-            return self._keep(Trial(numbers, nothing, describe_failure(failure)), x)
-        self._report(self._keep(trial, x))
+            trial = Trial(numbers, nothing, describe_failure(failure))
+        self._known[x.tobytes()] = trial
+        if not trial.failure:
+            self._report(trial)
         return trial
-
-    def _is_within_noise(self, x: Array) -> bool:
-        """Return True if a step changes the linearized functions by less than their noise.
-
-        Line searches of values that jump between designs would only compare these jumps.
-        """
-        if self._latest is None:
-            return False
-        here, point = self._latest
-        changes = np.abs(np.vstack([point.gradient, point.jacobian]) @ (x - here))
-        return bool(np.all(changes <= np.maximum(self._problem.noise, self._settings.tolerance)))
-
-    def _adopt_best(self) -> bool:
-        """Let further designs have the maxima of the best one.
-
-        Return False if these are the present ones.
-        """
-        problem, best, limits = self._problem, self._best(), self._problem.limits
-        design = problem.design(best.numbers)
-        rows = zip(limits, design.values[1:].tolist(), strict=True)
-        ratios = np.array([design.maximum_ratio(limit, value) for limit, value in rows])
-        is_off = np.abs(ratios - problem.ratios) > _RATIO_TOLERANCE * problem.ratios
-        # Maxima that do not reach their limit need no further search.
-        largest = np.maximum(ratios, problem.ratios) * np.abs(design.values[1:])
-        reaches = largest * (1.0 + _RATIO_TOLERANCE) > np.abs([limit.bound for limit in limits])
-        self._problem = replace(problem, ratios=np.where(is_off, ratios, problem.ratios))
-        return bool(np.any(is_off & reaches))
-
-    def _judge(self, point: Linearization) -> dict[str, Any]:
-        """Return the conditions of first order at the best design; see `SearchResult`."""
-        scales, (decrease, multipliers) = self._problem.scales, point.measure_decrease()
-        has_effect = np.any(np.vstack([point.gradient, point.jacobian]), axis=0)
-        return {
-            "multipliers": multipliers * scales[0] / scales[1:],
-            "residual": decrease / max(float(np.linalg.norm(point.gradient)), _MIN_DECREASE),
-            "idle": tuple(x for x, y in zip(self._problem.names, has_effect, strict=True) if not y),
-        }
 
     def _conclude(self, status: Status, units: tuple[str, ...], residual: float = np.inf) -> Status:
         """Return the status of the best design, with its `residual` if known."""
         failures, sentence = [x.failure for x in self._known.values() if x.failure], status.sentence
-        if self._violation(self._best()):
-            sentence = self._describe_violation(status, units)
+        problem, values = self._problem, self._best().values
+        if problem.violation(values):
+            margins = problem.margins(values)
+            worst, is_violated = int(np.argmin(margins)), -margins > problem.tolerances
+            limit, value = problem.limits[worst], problem.ratios[worst] * values[1 + worst]
+            numbers = format_distinct(limit.bound, float(value), digits=4)
+            allowed, actual = (format_with_unit(x, units[1 + worst]) for x in numbers)
+            violated = [x.label for x, y in zip(problem.limits, is_violated, strict=True) if y]
+            cause = f"{list_first(violated)} cannot be satisfied by small changes"
+            sentence = (
+                "no evaluated design satisfies the constraints; in the best one "
+                f"{limit.quantity.label} is {actual}, but the limit is at "
+                f"{'most' if limit.sign > 0 else 'least'} {allowed}; "
+                f"{cause if status.success else sentence}; the search is local, start it from "
+                "other values (parameters={name: value}) or increase starts="
+            )
         elif status.success and residual <= _OPTIMALITY_TOLERANCE:
             return Status("ok", "converged")
         else:
             if status.success:
                 cause = "analyses fail" if failures else "a quantity jumps or has a kink"
                 sentence = f"the search ended next to designs at which {cause}, before an optimum"
-            if self._problem.noise.any():
+            if problem.noise.any():
                 sentence += (
                     "; values of runs with adaptive steps change abruptly between designs, use a "
                     "fixed step, GeneralizedAlpha(step=...)"
@@ -316,36 +312,10 @@ class Search:
             )
         return Status("limited" if status.success else status.kind, sentence)
 
-    def _describe_violation(self, status: Status, units: tuple[str, ...]) -> str:
-        """Return the limit that the best design violates most, and all that it violates."""
-        problem, best = self._problem, self._best()
-        worst = int(np.argmin(problem.margins(best.values)))
-        limit, value = problem.limits[worst], problem.ratios[worst] * best.values[1 + worst]
-        numbers = format_distinct(limit.bound, float(value), digits=4)
-        allowed, actual = (format_with_unit(x, units[1 + worst]) for x in numbers)
-        limits = zip(problem.limits, problem.margins(best.values), problem.tolerances, strict=True)
-        violated = [x.label for x, margin, tolerance in limits if -margin > tolerance]
-        side, names = "most" if limit.sign > 0 else "least", list_first(violated, _MAX_NAMES)
-        return (
-            "no evaluated design satisfies the constraints; in the best one "
-            f"{limit.quantity.label} is {actual}, but the limit is at {side} {allowed}; "
-            + ("" if status.success else f"{status.sentence}; ")
-            + (f"{names} cannot be satisfied by small changes; " if status.success else "")
-            + "the search is local, start it from other values (parameters={name: value}) or "
-            "increase starts="
-        )
-
-    def _keep(self, trial: Trial, x: Array | None = None) -> Trial:
-        """Store a design with the variables x."""
-        key = self._problem.variables.variables(trial.numbers) if x is None else x
-        self._known[key.tobytes()] = trial
-        return trial
-
     def _report(self, trial: Trial) -> None:
         if self._settings.progress is not None:
-            count = self._settings.earlier_designs + len(self._known)
             facts = float(trial.values[0]), self._violation(trial)
-            call_progress(self._settings.progress, count, *facts)
+            call_progress(self._settings.progress, len(self._known), *facts)
 
     def _violation(self, trial: Trial) -> float:
         return self._problem.violation(trial.values)
@@ -375,13 +345,16 @@ def search_from_starts(
     searches: list[SearchResult] = []
     rows: list[dict[str, Any]] = []
     status = None
+
+    def report(designs: int, *facts: float) -> None:
+        if settings.progress is not None:
+            settings.progress(sum(len(x.trials) for x in searches) + designs, *facts)
+
     for point in points:
         row: dict[str, Any] = {f"first {x}": y for x, y in zip(names, point, strict=True)}
         rows.append(row | {"status": "failed", "evaluations": 1})
-        count = sum(len(x.trials) for x in searches)
         try:
-            search = Search(problem.starting_at(point), replace(settings, earlier_designs=count))
-            end = search.run()
+            end = Search(problem.starting_at(point), replace(settings, progress=report)).run()
         except KeyboardInterrupt:
             if not searches:
                 raise
@@ -410,14 +383,14 @@ def search_from_starts(
             f"optimize: the first designs of all {starts} searches failed; the first one: "
             f"{rows[0]['reason']}."
         )
-    best, error = min(searches, key=_rank), searches[-1].progress_error
+
+    def rank(search: SearchResult) -> tuple[float, float, bool, float]:
+        """Return a key that is smallest for the best design; of equal ones, for a converged one."""
+        objective = float(search.best.values[0])
+        return search.violation, float(f"{objective:.6g}"), not search.status.success, objective
+
+    best, error = min(searches, key=rank), searches[-1].progress_error
     return replace(best, status=status or best.status, progress_error=error), rows
-
-
-def _rank(search: SearchResult) -> tuple[float, float, bool, float]:
-    """Return a key that is smallest for the best design; of equal ones, for one that converged."""
-    objective = float(search.best.values[0])
-    return search.violation, float(f"{objective:.6g}"), not search.status.success, objective
 
 
 def describe_failure(failure: Exception) -> str:

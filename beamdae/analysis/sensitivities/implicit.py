@@ -16,25 +16,22 @@ Theory of Elastic Stability: Analysis and Sensitivity, Taylor & Francis (1999); 
 Int. J. Numer. Meth. Eng. 30 (1990) 155, doi:10.1002/nme.1620300110.
 
 EIGENPAIRS A(l; p) z = 0, with the matrix A of `LinearizedEquations.pencil` and z = (x, multipliers,
-forces of stiff parts): with vectors b and c near the null vectors, the bordered solutions
-[A b; c^H 0] (u, s) = (dA z, 0) and [A b; c^H 0] (u', s') = (A'(l) z, 0) give the derivatives along
-a change dA,
+forces of stiff parts): the derivatives along a change dA solve
 
-    dl = -s / s',    dz = -u - dl u',
+    [A A'(l) z; z^H M 0] (dz, dl) = -(dA z, 0)
 
-if s' is not zero, as for simple eigenvalues (Fox & Kapoor, AIAA J. 6 (1968) 2426,
-doi:10.2514/3.5008; Nelson, AIAA J. 14 (1976) 1201, doi:10.2514/3.7211, who deletes an equation in
-place of the border). The part of dz along z follows from the normalization. At a flutter point, an
-eigenvalue has no real part, or coalesces with another one.
+for simple eigenvalues (Fox & Kapoor, AIAA J. 6 (1968) 2426, doi:10.2514/3.5008; Nelson, AIAA J. 14
+(1976) 1201, doi:10.2514/3.7211, who deletes an equation in place of the border). The part of dz
+along z follows from the normalization. At a flutter point, an eigenvalue has no real part, or
+coalesces with another one.
 
-F_p follows from the numbers of neighboring models and the exact derivatives of F by these numbers.
-s and products with the matrices of F and A are differenced along the neighboring models, or along a
-direction of x and mu.
+F, s and products with the matrices of F and A are differenced along the neighboring models, or
+along a direction of x and mu.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
@@ -54,31 +51,22 @@ from beamdae.analysis.continuation.engine import (
 from beamdae.analysis.eigenproblems.eigensolution import solve_eigenproblem
 from beamdae.analysis.eigenproblems.linearized_equations import (
     LinearizedEquations,
-    linearize_in_mixed_form,
 )
 from beamdae.analysis.sensitivities.neighbors import (
     CENTRAL,
     Difference,
     Neighbors,
 )
-from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
-from beamdae.equations.formulations import tangents
 from beamdae.equations.formulations.compliant_equations import introduce_resultants
 from beamdae.equations.formulations.static_equations import (
     StaticEquations,
     find_idle_forces,
-    plan_static_sums,
 )
-from beamdae.equations.starts.steady_rotation import rotating_state
-from beamdae.equations.structure import Structure
 from beamdae.linear.factorizations import invert_to_power_of_two
 from beamdae.parts.mechanism import EQUILIBRIUM
-from beamdae.parts.rotation import Rotation
-from beamdae.symbolic.sums.kernel_sums import SumPlan, set_time
-from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
 
 Array = np.ndarray
 
@@ -114,26 +102,21 @@ class Eigenpair:
     @cached_property
     def vector(self) -> Array:
         """Shape with its multipliers and forces, z."""
-        return self._solve(np.zeros(len(self._row)), 1.0)[0]
-
-    def work(self, change: Array) -> complex:
-        """Return w^T dA z for dA z and the left vector w, up to a factor."""
-        return self._solve(change)[1]
+        return self._solve(np.zeros(len(self._row)), 1.0)[:-1]
 
     def derivative(self, change: Array, mass_change: Array) -> tuple[complex, Array]:
         """Return the derivatives of the eigenvalue and of the normalized shape.
 
         `change` and `mass_change` are dA z and dM x.
         """
-        (by_change, work), (by_value, slope) = self._solve(change), self._by_value
-        x, mass, rate = self.shape, self.lin.tangent.mass, -work / slope
-        response = -(by_change + rate * by_value)[: len(x)]
+        x, mass, solution = self.shape, self.lin.tangent.mass, -self._solve(change)
+        response = solution[: len(x)]
         # The shape keeps x^H M x = 1 and the phase of x^T M x.
         share, size = complex(-0.5 * np.real(x.conj() @ mass_change)), x @ (mass @ x)
         if abs(size) > np.sqrt(np.finfo(float).eps):
             plain = x @ (2.0 * (mass @ response) + mass_change)
             share -= 0.5j * float(np.imag(plain)) / float(np.real(size))
-        return rate, response + share * x
+        return complex(solution[-1]), response + share * x
 
     @cached_property
     def gap(self) -> float:
@@ -141,15 +124,11 @@ class Eigenpair:
         vector, size = np.cos(np.arange(len(self._row)) ** 2.0), 1.0
         try:
             for _ in range(_GAP_ITERATIONS):
-                vector = self._solve(self._slope @ vector / size)[0]
+                vector = self._solve(self._slope @ vector / size)[:-1]
                 size = float(np.linalg.norm(vector)) or 1.0
         except CurveError:
             return 0.0
         return 1.0 / (size * abs(self.value))
-
-    @cached_property
-    def _by_value(self) -> tuple[Array, complex]:
-        return self._solve(self._slope @ self.vector)
 
     @cached_property
     def _slope(self) -> sp.csc_array:
@@ -161,8 +140,11 @@ class Eigenpair:
     @cached_property
     def _row(self) -> Array:
         """Row x^H M of the border."""
-        row = self.lin.tangent.mass.T @ self.shape.conj()
-        return np.append(row, np.zeros(self.lin.pencil.matrices[0].shape[0] - len(row)))
+        return self._extend(self.lin.tangent.mass.T @ self.shape.conj())
+
+    def _extend(self, x: Array) -> Array:
+        """Return a vector with zeros for multipliers and forces, on which A' does not act."""
+        return np.append(x, np.zeros(self.lin.pencil.matrices[0].shape[0] - len(x)))
 
     @cached_property
     def _bordered(self) -> tuple[Array, RefinedFactors]:
@@ -170,46 +152,20 @@ class Eigenpair:
         matrix = sp.csc_array(
             sum(self.value**k * x.astype(complex) for k, x in enumerate(self.lin.pencil.matrices))
         )
-        sizes = abs(matrix).max(axis=1).toarray().ravel()
-        scales = invert_to_power_of_two(sizes)
+        scales = invert_to_power_of_two(abs(matrix).max(axis=1).toarray().ravel())
+        column = scales * (self._slope @ self._extend(self.shape))
         scaled = sp.csc_array(sp.diags_array(scales) @ matrix)
-        # The second column is not orthogonal to the left vector, even where eigenvalues coalesce.
-        border, transposed = scales * self._row.conj(), sp.csc_array(scaled.T)
-        unit = np.append(np.zeros(len(scales)), 1.0 + 0j)
-        left = factorize_bordered(transposed, self._row, border, 0.0).solve(unit)[:-1]
-        column = left.conj() / np.linalg.norm(left)
-        return scales, factorize_bordered(scaled, column, self._row, 0.0)
+        return scales, factorize_bordered(scaled, column, self._row)
 
-    def _solve(self, right: Array, last: float = 0.0) -> tuple[Array, complex]:
-        """Return u and s with [A b; c^H 0] (u, s) = (right, last)."""
+    def _solve(self, right: Array, last: float = 0.0) -> Array:
+        """Return the solution of [A A' z; z^H M 0] (u, s) = (right, last)."""
         scales, factors = self._bordered
-        solution = factors.solve(np.append(scales * right, last).astype(complex))
-        return solution[:-1], complex(solution[-1])
+        return factors.solve(np.append(scales * right, last).astype(complex))
 
 
 def apply_pencil(lin: LinearizedEquations, value: complex, z: Array) -> Array:
     """Return A(l) z."""
     return np.asarray(sum(value**k * (x @ z) for k, x in enumerate(lin.pencil.matrices)))
-
-
-def linearize_at(
-    e: EquationsOfMotion,
-    tangent_at: Callable[..., tangents.Tangent],
-    x: Array,
-    idle: Array | None = None,
-    rotation: Rotation | None = None,
-) -> LinearizedEquations:
-    """Return the equations in mixed form about x = (q, multipliers, stiff forces).
-
-    The state is at rest, or in steady rotation. `tangent_at` is a function of a state and a
-    conversion of the equations that returns their matrices; see `introduce_resultants` for `idle`.
-    """
-    q, lam = np.split(x, [e.n])
-    if rotation is not None:
-        state = rotating_state(e, rotation, q, lam)
-    else:
-        state = State(q, np.zeros(e.n), np.zeros(e.n), lam)
-    return linearize_in_mixed_form(e, state, tangent_at, idle)
 
 
 @dataclass(frozen=True)
@@ -219,9 +175,9 @@ class Direction(Neighbors):
     Attributes
     ----------
     models
-        Static equations next to a point along it, of type `StaticProblem`.
+        Pairs of static equations next to a point along it, and of the quantity that is prescribed.
     change
-        Derivatives (n + m + 1,) of (x, mu) along the direction.
+        Derivatives of (x, mu) along the direction, (n + m + 1,) or zero.
     """
 
     change: Array
@@ -230,92 +186,26 @@ class Direction(Neighbors):
     def of_unknowns(cls, point: Point, change: Array) -> Direction:
         """Return a direction of x and mu at a point."""
         step = _MOTION / (point.problem.measure(change[:-1]) or 1.0)
-        return cls([point.problem] * len(CENTRAL.steps), CENTRAL, step, change)
+        models = [(point.problem, prescribe_parameter)] * len(CENTRAL)
+        return cls(models, CENTRAL, step, change)
 
     def differentiate(
         self, point: Point, function: Callable[[StaticProblem, Array, float], Array]
     ) -> Array:
         """Return the derivative of a function of the equations, x and mu along the direction."""
-        pairs = (point.x, self.change[:-1]), (point.p, float(self.change[-1]))
-        return np.asarray(self.along(function, *pairs))
 
+        def evaluate(model: tuple[StaticProblem, Control], unknowns: Array) -> Array:
+            return function(model[0], unknowns[:-1], float(unknowns[-1]))
 
-class ParameterDirection:
-    """Direction of a parameter.
+        return np.asarray(self.along(evaluate, (np.append(point.x, point.p), self.change)))
 
-    Derivatives of F are exact: differences of small deformations would contain rounding errors that
-    observed axial and shear forces enlarge.
-
-    Parameters
-    ----------
-    difference
-        Neighboring models.
-    here, neighbors
-        Static equations of the model and of these models, with the same `idle`.
-    controls
-        Quantity that the path of each of these models prescribes.
-    """
-
-    def __init__(
-        self,
-        difference: Difference,
-        here: StaticProblem,
-        neighbors: Sequence[StaticProblem],
-        controls: Sequence[Control],
-    ) -> None:
-        self.reach = max(map(abs, difference.steps))
-        self._difference, self._neighbors, self._controls = difference, neighbors, controls
-        self._parts = [
-            _derive_statics(
-                difference,
-                getattr(here.mixed, part),
-                [getattr(x.mixed, part).equations for x in neighbors],
-            )
-            for part in ("first", "last")
-        ]
-
-    def along(self, change: Array) -> Direction:
-        """Return the direction with these derivatives of x and mu."""
-        difference = self._difference
-        return Direction(self._neighbors, difference.stencil, difference.delta, change)
-
-    def forces(self, point: Point) -> Array:
-        """Return F_p."""
-        unloaded, loaded = (part(point.x) for part in self._parts)
-        return unloaded + point.p * (loaded - unloaded)
-
-    def control_rate(self, point: Point) -> float:
-        """Return the derivative of the prescribed quantity at constant x and mu."""
-        values = (control(point.x, point.p).value for control in self._controls)
-        return float(self._difference.combine(values))
-
-
-def _derive_statics(
-    difference: Difference, here: StaticEquations, neighbors: Sequence[EquationsOfMotion]
-) -> Callable[[Array], Array]:
-    """Return the derivative of static equations along a parameter, as a function of (q, lam)."""
-    part = difference.between(here.equations, neighbors)
-    base = part.base
-    n, size, dp = base.n, 2 * base.n + base.m, part.along(lambda e: e.p)
-    total = SumEvaluator(StartDerivatives.of(part).plan_along(_plan_residual, size), base.p)
-    set_time(total, *here.time)
-
-    def differentiate(x: Array) -> Array:
-        inputs = np.concatenate([x[:n], np.zeros(n), x[n:], np.zeros(size), dp])
-        with np.errstate(invalid="ignore"):
-            change = total(inputs, n + base.m)
-        if np.all(np.isfinite(change)):
-            return change
-        # The root of a stiffness has no derivative at zero.
-        models = (StaticEquations(e, here.time) for e in neighbors)
-        residuals = (model.residual(x[:n], x[n:]) for model in models)
-        return np.where(np.isfinite(change), change, difference.combine(residuals))
-
-    return differentiate
-
-
-def _plan_residual(structure: Structure) -> SumPlan:
-    return plan_static_sums(structure).residual
+    def residual(self, point: Point) -> Array:
+        """Return the derivatives of F and of the prescribed quantity at constant x and mu."""
+        x, mu = point.x, point.p
+        return self.combine(
+            np.append(problem.residual(x, mu)[0], control(x, mu).value)
+            for problem, control in self.models
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,10 +215,12 @@ class RegularPoint:
     point: Point
     control: Control
 
-    def derivative(self, direction: ParameterDirection) -> Array | None:
+    def derivative(self, direction: Direction) -> Array:
         """Return (dx, dmu)."""
-        point = self.point
-        return self.respond(np.append(direction.forces(point), direction.control_rate(point)))
+        change = direction.residual(self.point)
+        if self.control is prescribe_parameter:  # although the path prescribes a column at its end
+            change[-1] = 0.0
+        return self.respond(change)
 
     def respond(self, change: Array) -> Array:
         """Return the change of the unknowns that balances a change of the equations and control.
@@ -376,11 +268,15 @@ def find_unique_equilibrium(equations: EquationsOfMotion) -> RegularPoint | None
 
 def differentiate_equilibrium(equilibrium: RegularPoint, difference: Difference) -> Array:
     """Return the derivatives of the positions of a `find_unique_equilibrium` along a parameter."""
-    problem = equilibrium.point.problem
+    point, problem = equilibrium.point, equilibrium.point.problem
     assert isinstance(problem, StaticProblem)
-    models = [introduce_resultants(e, problem.idle).equations for e in difference.models]
-    forces = _derive_statics(difference, problem.mixed.last, models)(equilibrium.point.x)
-    return equilibrium.respond(np.append(forces, 0.0))[: problem.n]
+    q, lam = np.split(point.x, [problem.n])
+
+    def residual(e: EquationsOfMotion) -> Array:
+        mixed = introduce_resultants(e, problem.idle).equations
+        return StaticEquations(mixed, problem.mixed.last.time).residual(q, lam)
+
+    return equilibrium.respond(np.append(difference.along(residual), 0.0))[: problem.n]
 
 
 class SingularPoint:
@@ -418,13 +314,13 @@ class SingularPoint:
             raise CurveError("its critical mode is not unique")
         return found
 
-    def derivative(self, direction: ParameterDirection) -> Array | None:
+    def derivative(self, direction: Direction) -> Array | None:
         """Return (dx, dmu); None if the parameter does not preserve a branch point."""
-        response, h = self._solve(-direction.forces(self.point))
-        by_load = self._hessian[0, 1] * self.point.p
-        if not self._is_limit and abs(h) * direction.reach > _MAX_IMPERFECTION * abs(by_load):
+        response, h = self._solve(-direction.residual(self.point)[:-1])
+        by_load, reach = self._hessian[0, 1] * self.point.p, max(map(abs, direction.steps))
+        if not self._is_limit and abs(h) * reach > _MAX_IMPERFECTION * abs(by_load):
             return None
-        return self._change(direction.along(np.append(response, 0.0)), h)
+        return self._change(replace(direction, change=np.append(response, 0.0)), h)
 
     def _change(
         self, direction: Direction, h: float, slopes: tuple[float, float] = (0.0, 0.0)
@@ -468,31 +364,28 @@ class FlutterPoint(RegularPoint):
     """Point of a path at which oscillations begin to grow.
 
     With damping, the real part of the critical eigenvalue is zero. Without damping, two eigenvalues
-    coalesce, where w^T A'(l) z is zero: the change w^T (A_mu dmu + A_p dp) z is zero there. The
-    result is averaged over both, because the point is located up to a small error.
+    coalesce, where the ratio of their derivatives by parameter and load remains finite. The result
+    is averaged over both, because the point is located up to a small error.
     """
 
-    def derivative(self, direction: ParameterDirection) -> Array | None:
+    def derivative(self, direction: Direction) -> Array:
         """Return (dx, dmu)."""
         load = self.respond(np.append(np.zeros_like(self.point.x), -1.0))
-        response = direction.along(self.respond(np.append(direction.forces(self.point), 0.0)))
+        response = replace(direction, change=super().derivative(direction))
         by_parameter = self._growth(response)
         by_load = self._growth(Direction.of_unknowns(self.point, load))
         return response.change - float(np.mean(np.real(by_parameter / by_load))) * load
 
     def _growth(self, direction: Direction) -> Array:
-        """Return the changes of the growth rates, or of the works without damping."""
+        """Return the derivatives of the eigenvalues, of their real parts with damping."""
 
         def apply(problem: StaticProblem, x: Array, mu: float) -> Array:
             lin = problem.system.linearize_motion(x, mu, problem.idle)
             return np.array([apply_pencil(lin, pair.value, pair.vector) for pair in self._pairs])
 
         changes = zip(self._pairs, direction.differentiate(self.point, apply), strict=True)
-        if not self._is_damped:
-            return np.array([pair.work(change) for pair, change in changes])
-        return np.array(
-            [pair.derivative(x, np.zeros_like(pair.shape))[0].real for pair, x in changes]
-        )
+        rates = np.array([pair.derivative(x, 0.0 * pair.shape)[0] for pair, x in changes])
+        return rates.real if self._is_damped else rates
 
     @cached_property
     def _motion(self) -> LinearizedEquations:

@@ -9,7 +9,10 @@ from typing import Any
 import numpy as np
 
 from beamdae.analysis.eigenproblems.eigensolution import RIGID
-from beamdae.analysis.eigenproblems.linearized_equations import LinearizedEquations
+from beamdae.analysis.eigenproblems.linearized_equations import (
+    LinearizedEquations,
+    linearize_in_mixed_form,
+)
 from beamdae.analysis.linear_dynamics.linearization import (
     REFERENCE,
     Frame,
@@ -19,15 +22,15 @@ from beamdae.analysis.linear_dynamics.linearization import (
     unbalances,
 )
 from beamdae.analysis.linear_dynamics.natural_modes import Modes, compute_modes
-from beamdae.analysis.sensitivities.implicit import Eigenpair, apply_pencil, linearize_at
-from beamdae.analysis.sensitivities.many_parameters import difference_models
-from beamdae.analysis.sensitivities.neighbors import Difference, NumericModel
+from beamdae.analysis.sensitivities.implicit import Eigenpair, apply_pencil
+from beamdae.analysis.sensitivities.neighbors import Difference, NumericModel, difference_models
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     select_parameters,
 )
-from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.starts.initial_conditions import apply_initial_conditions
+from beamdae.equations.starts.steady_rotation import rotating_state
 from beamdae.errors import BeamdaeError, record_warnings, short_repr, warn_user
 from beamdae.interrupts import interruptible
 from beamdae.linear.blas_threads import single_threaded
@@ -105,18 +108,17 @@ class ModeSensitivities(SensitivityResult):
 
     @property
     def _columns(self) -> dict[str, dict[str, Array]]:
-        return {name: self._differentiate_properties(name) for name in self.parameters}
-
-    def _differentiate_properties(self, parameter: str) -> dict[str, Array]:
-        value, rate = self.modes.eigenvalues, self.eigenvalues[parameter]
+        value, result = self.modes.eigenvalues, {}
         size = np.where(value == 0.0, 1.0, np.abs(value))
-        growth = np.real(value.conj() * rate) / size
-        return {
-            # No negative zeros in tables.
-            _FREQUENCY: np.sign(value.imag) * rate.imag / (2.0 * np.pi) + 0.0,
-            _DAMPING_RATIO: -rate.real / size + value.real * growth / size**2 + 0.0,
-            _GROWTH_RATE: rate.real + 0.0,
-        }
+        for name, rate in self.eigenvalues.items():
+            growth = np.real(value.conj() * rate) / size
+            result[name] = {
+                # No negative zeros in tables.
+                _FREQUENCY: np.sign(value.imag) * rate.imag / (2.0 * np.pi) + 0.0,
+                _DAMPING_RATIO: -rate.real / size + value.real * growth / size**2 + 0.0,
+                _GROWTH_RATE: rate.real + 0.0,
+            }
+        return result
 
 
 @single_threaded
@@ -234,12 +236,32 @@ def differentiate_modes(
 
     drawn = assemble(model())
     base = replace(lin.full_equations, q0=drawn.q0, v0=drawn.v0)
-    state = _State.of(result, damping)
-    pairs = _simple_pairs(model.name, result, state.select(state.full), damping)
+    full, lam, idle = lin.linearized_equations, lin.state.lam, None
+    if full.mixed is not None:
+        lam, idle = full.mixed.multipliers, abs(full.mixed.rows).sum(axis=1) == 0.0
+    state = np.append(lin.state.q, lam)
+    speeds = np.abs(result.eigenvalues[result.eigenvalues != 0.0])
+    solve = full.pencil.factorize(_SHIFT * float(speeds[0] if len(speeds) else 1.0))
+    own = full if damping else full.symmetrized()
+    modes = enumerate(zip(result.eigenvalues, result.shapes, result.kinds, strict=True))
+    pairs = {
+        k: Eigenpair(own, complex(value), shape)
+        for k, (value, shape, kind) in modes
+        if kind != RIGID
+    }
+    if repeated := [k for k, pair in pairs.items() if pair.gap < _MIN_GAP]:
+        numbers = ", ".join(str(k + 1) for k in repeated)
+        undamped = "; for overdamped modes, use damping=False" if damping else ""
+        warn_user(
+            f"{_NAME}: the eigenvalues of modes {numbers} of {model.name} are repeated (within "
+            f"{_MIN_GAP:g}), so their derivatives do not exist (NaN); request fewer modes (n=), or "
+            f"change a parameter so that the eigenvalues differ{undamped}."
+        )
+        pairs = {k: pair for k, pair in pairs.items() if k not in repeated}
     eigenvalues, shapes = {}, {}
     for name, difference in difference_models(model, names, base, assemble).items():
         frames = [frame_of(e, about, t) for e in difference.models]
-        along = np.zeros_like(state.x)
+        along = np.zeros_like(state)
         if follows_start:
             starts = [rest_state(x) for x in frames]
             along[: base.n] = difference.combine(x.q for x in starts)
@@ -250,7 +272,18 @@ def differentiate_modes(
                     f"{_NAME}: {name} of {model.name} moves the state out of equilibrium, so its "
                     "modes cannot be differentiated; use about='equilibrium'."
                 )
-        neighbors = state.follow(difference, frames, along, model.parameters[name])
+        residuals = [
+            x.tangent.residual for x in _linearize_along(difference, frames, state, along, idle)
+        ]
+        change = _balance(full, solve, difference.combine(residuals), model.parameters[name])
+        if change is None:
+            raise BeamdaeError(
+                f"{_NAME}: the equilibrium has no derivative with respect to {name}, because a "
+                "motion that it causes has no stiffness; add a spring or a joint."
+            )
+        neighbors = _linearize_along(difference, frames, state, along + change, idle)
+        if not damping:
+            neighbors = [x.symmetrized() for x in neighbors]
         eigenvalues[name] = np.full(len(result), complex(np.nan, np.nan))
         shapes[name] = np.full(result.shapes.shape, complex(np.nan, np.nan))
         for k, pair in pairs.items():
@@ -267,117 +300,48 @@ def differentiate_modes(
     )
 
 
-def _simple_pairs(
-    model: str, result: Modes, lin: LinearizedEquations, damping: bool
-) -> dict[int, Eigenpair]:
-    """Return by index the eigenpairs that are neither free motions nor repeated.
+def _linearize_along(
+    difference: Difference,
+    frames: Sequence[Frame],
+    state: Array,
+    change: Array,
+    idle: Array | None,
+) -> list[LinearizedEquations]:
+    """Return the linearized equations of neighboring models.
 
-    Warns
-    -----
-    BeamdaeWarning
-        If an eigenvalue is repeated.
-    """
-    pairs = {
-        k: Eigenpair(lin, complex(value), shape)
-        for k, (value, shape) in enumerate(zip(result.eigenvalues, result.shapes, strict=True))
-        if result.kinds[k] != RIGID
-    }
-    repeated = [k for k, pair in pairs.items() if pair.gap < _MIN_GAP]
-    if repeated:
-        names = ", ".join(str(k + 1) for k in repeated)
-        undamped = "; for overdamped modes, use damping=False" if damping else ""
-        warn_user(
-            f"{_NAME}: the eigenvalues of modes {names} of {model} are repeated (within "
-            f"{_MIN_GAP:g}), so their derivatives do not exist (NaN); request fewer modes (n=), or "
-            f"change a parameter so that the eigenvalues differ{undamped}."
-        )
-    return {k: pair for k, pair in pairs.items() if k not in repeated}
-
-
-@dataclass(frozen=True)
-class _State:
-    """State about which modes are computed.
-
-    Attributes
+    Parameters
     ----------
-    full
-        Linearized equations.
-    x, idle
-        Coordinates, multipliers and stiff forces, and the mask of the forces without stiffness.
-    damping
-        False to omit the damping of modes.
-    shift
-        Shift of eigenvalues [1/s] with which free motions have a stiffness.
+    difference, frames
+        Neighboring models of a parameter, and their equations.
+    state, change
+        Coordinates, multipliers and stiff forces, and their derivatives.
+    idle
+        Mask of the forces without stiffness, see `introduce_resultants`.
     """
+    result = []
+    for (e, _, tangent_at, rotation), step in zip(frames, difference.steps, strict=True):
+        q, lam = np.split(state + step * change, [e.n])
+        at = State(q, np.zeros(e.n), np.zeros(e.n), lam)
+        if rotation is not None:
+            at = rotating_state(e, rotation, q, lam)
+        result.append(linearize_in_mixed_form(e, at, tangent_at, idle))
+    return result
 
-    full: LinearizedEquations
-    x: Array
-    idle: Array | None
-    damping: bool
-    shift: float
 
-    @classmethod
-    def of(cls, result: Modes, damping: bool) -> _State:
-        """Return the state of modes."""
-        lin = result._linearization
-        full, lam, idle = lin.linearized_equations, lin.state.lam, None
-        if full.mixed is not None:
-            lam, idle = full.mixed.multipliers, abs(full.mixed.rows).sum(axis=1) == 0.0
-        speeds = np.abs(result.eigenvalues[result.eigenvalues != 0.0])
-        shift = _SHIFT * float(speeds[0] if len(speeds) else 1.0)
-        return cls(full, np.append(lin.state.q, lam), idle, damping, shift)
+def _balance(full: LinearizedEquations, solve: Any, force: Array, value: float) -> Array | None:
+    """Return the change of the state that balances a derivative of the forces; None if none does.
 
-    def select(self, lin: LinearizedEquations) -> LinearizedEquations:
-        """Return the equations of the modes."""
-        return lin if self.damping else lin.symmetrized()
-
-    def follow(
-        self, difference: Difference, frames: Sequence[Frame], along: Array, value: float
-    ) -> list[LinearizedEquations]:
-        """Return the linearized equations of neighboring models, about their equilibria.
-
-        Parameters
-        ----------
-        difference, value
-            Neighboring models and the value of a parameter.
-        frames
-            Equations of the neighboring models.
-        along
-            Derivative of the state, except for that of equilibrium.
-        """
-
-        def move(direction: Array) -> list[LinearizedEquations]:
-            return [
-                linearize_at(
-                    x.equations, x.tangent_at, self.x + s * direction, self.idle, x.rotation
-                )
-                for x, s in zip(frames, difference.steps, strict=True)
-            ]
-
-        residuals = [x.tangent.residual for x in move(along)]
-        change = self._balance(difference.combine(residuals), value)
-        if change is None:
-            raise BeamdaeError(
-                f"{_NAME}: the equilibrium has no derivative with respect to {difference.name}, "
-                "because a motion that it causes has no stiffness; add a spring or a joint."
-            )
-        return [self.select(x) for x in move(along + change)]
-
-    def _balance(self, force: Array, value: float) -> Array | None:
-        """Return the change of x that balances a derivative of the forces; None if there is none.
-
-        Free motions have no stiffness; the motion along them is zero.
-        """
-        pencil, n = self.full.pencil, self.full.equations.n
-        matrix, solve = pencil.matrices[0], pencil.factorize(self.shift)
-        if solve is None:
-            return None
-        change = np.zeros_like(force)
-        for _ in range(_SOLUTIONS):
-            change = change - solve(force + matrix @ change)
-        scales, stiffness = self.full.equations.position_scales, abs(self.full.stiffness)
-        error, sizes = np.abs(force + matrix @ change), abs(matrix) @ np.abs(change) + np.abs(force)
-        limit = _MAX_UNBALANCED_FORCE * np.max(scales * sizes[:n], initial=0.0)
-        rounding = np.max(scales * (stiffness @ scales), initial=0.0) / (abs(value) or 1.0)
-        is_balanced = np.all(scales * error[:n] <= limit + _FORCE_ROUNDING * rounding)
-        return change if is_balanced else None
+    Free motions have no stiffness; the motion along them is zero. `solve` is that of the shifted
+    equations, and `value` that of the parameter.
+    """
+    if solve is None:
+        return None
+    matrix, n, change = full.pencil.matrices[0], full.equations.n, np.zeros_like(force)
+    for _ in range(_SOLUTIONS):
+        change = change - solve(force + matrix @ change)
+    scales, stiffness = full.equations.position_scales, abs(full.stiffness)
+    error, sizes = np.abs(force + matrix @ change), abs(matrix) @ np.abs(change) + np.abs(force)
+    limit = _MAX_UNBALANCED_FORCE * np.max(scales * sizes[:n], initial=0.0)
+    rounding = np.max(scales * (stiffness @ scales), initial=0.0) / (abs(value) or 1.0)
+    is_balanced = np.all(scales * error[:n] <= limit + _FORCE_ROUNDING * rounding)
+    return change if is_balanced else None

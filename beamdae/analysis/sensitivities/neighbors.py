@@ -4,15 +4,21 @@ Parameters enter the equations of motion only through the numbers p, the operato
 The model function is an arbitrary Python function; therefore, these are differenced, and explicit
 maps, such as impacts and energies, are differenced along with them. The equations of implicit steps
 are differentiated exactly.
+
+Building a model takes milliseconds, a large part of a short run. Parameters that affect different
+numbers, such as the thicknesses of a beam at different points, are therefore changed together
+(Curtis, Powell & Reid, IMA J. Appl. Math. 13 (1974) 117, doi:10.1093/imamat/13.1.117).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any, NamedTuple, Protocol
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -73,53 +79,6 @@ def _weigh(steps: tuple[float, ...], order: int) -> Array:
     return np.linalg.solve(np.vander(steps, increasing=True).T, np.eye(len(steps))[order])
 
 
-class Stencil(NamedTuple):
-    """Values of a parameter in differences.
-
-    Attributes
-    ----------
-    steps
-        Values of the parameter, relative to that of the model, in multiples of the difference.
-    """
-
-    steps: tuple[float, ...]
-
-    @property
-    def _error_weights(self) -> Array:
-        """Weights of the deviation of a derivative on one side, times the smallest step."""
-        step = min(map(abs, self.steps))
-        side = [x for x in self.steps if x * self.steps[-1] > 0.0 and abs(x) <= 2.0 * step]
-        one_sided = dict(zip(side, _weigh((0.0, *side), 1)[1:], strict=True))
-        weights = np.array([one_sided.get(x, 0.0) for x in self.steps])
-        return step * (weights - _weigh(self.steps, 1))
-
-    def assess(self, changes: Array, sizes: Array, rounding: Array) -> float:
-        """Return the largest error of one-sided derivatives, relative to the largest change.
-
-        It is infinite if all changes are rounding errors, and zero if nothing changes.
-
-        Parameters
-        ----------
-        changes
-            Changes of all numbers in the neighboring models, (models, k).
-        sizes, rounding
-            Magnitudes of the numbers of the same kind, and bounds of rounding errors, (k,) each.
-        """
-        change = np.abs(changes).max(axis=0)
-        is_significant = change > _MIN_RESOLVED_CHANGE * rounding
-        if not np.any(is_significant):
-            return math.inf if np.any(change) else 0.0
-        sizes = np.maximum(np.maximum(sizes, change), np.finfo(float).tiny)
-        errors = np.maximum(np.abs(self._error_weights @ changes) - rounding, 0.0)
-        largest = [np.max(x / sizes, where=is_significant, initial=0.0) for x in (errors, change)]
-        return float(largest[0] / largest[1])
-
-    def find_kinks(self, changes: Array, rounding: Array) -> Array:
-        """Return True for numbers that are far from their interpolated values, (k,)."""
-        errors = np.abs(_weigh(self.steps, 0) @ changes)
-        return errors > _MIN_KINK * np.abs(changes).max(axis=0) + rounding
-
-
 class NumericModel(Protocol):
     """Model at the values of its parameters, such as a model function with these defaults."""
 
@@ -139,8 +98,11 @@ class NumericModel(Protocol):
         """Return the mechanism for other values of some parameters."""
 
 
-CENTRAL = Stencil((-2.0, -1.0, 1.0, 2.0))
-STENCILS = CENTRAL, Stencil((1.0, 2.0, 3.0, 4.0)), Stencil((-1.0, -2.0, -3.0, -4.0))
+# Values of a parameter in differences, relative to that of the model, in multiples of the
+# difference.
+Stencil = tuple[float, ...]
+CENTRAL: Stencil = (-2.0, -1.0, 1.0, 2.0)
+STENCILS: tuple[Stencil, ...] = CENTRAL, (1.0, 2.0, 3.0, 4.0), (-1.0, -2.0, -3.0, -4.0)
 
 
 @dataclass(frozen=True)
@@ -162,13 +124,7 @@ class Neighbors:
     @property
     def steps(self) -> list[float]:
         """Distances of the models."""
-        return [x * self.delta for x in self.stencil.steps]
-
-    def _combine(self, values: Iterable[Any], order: int) -> Any:
-        """Return the value or the derivative at the point, up to multiples of the first value."""
-        weights = _weigh(self.stencil.steps, order) / self.delta**order
-        first, *others = values
-        return sum(w * (x - first) for w, x in zip(weights[1:].tolist(), others, strict=True))
+        return [x * self.delta for x in self.stencil]
 
     def along(self, function: Callable[..., Any], *changes: tuple[Any, Any]) -> Any:
         """Return the derivative of function(model, *x) along the direction.
@@ -180,10 +136,15 @@ class Neighbors:
             for model, step in zip(self.models, self.steps, strict=True)
         )
 
-    def combine(self, values: Iterable[Any]) -> Any:
-        """Return the derivative of a function, given its values in the models."""
+    def combine(self, values: Iterable[Any], order: int = 1) -> Any:
+        """Return the derivative of a function, given its values in the models.
+
+        If the order is 0, return its value at the point minus the first value.
+        """
+        weights = _weigh(self.stencil, order) / self.delta**order
+        first, *others = values
         # The sum of the weights is zero; differences make derivatives of constants exactly zero.
-        return self._combine(values, 1)
+        return sum(w * (x - first) for w, x in zip(weights[1:].tolist(), others, strict=True))
 
 
 @dataclass(frozen=True)
@@ -220,7 +181,7 @@ class Difference(Neighbors):
         if not is_unchanged and all(e.structure == first.structure for e in models):
             # Entries that are equal in all models are exact: tables contain integers from which
             # rows are computed, and 4 (1 - 1e-16) would select another row.
-            p = first.p + self._combine([e.p for e in models], 0)
+            p = first.p + self.combine([e.p for e in models], 0)
             base = replace(first, p=p, q0=base.q0, v0=base.v0, breakpoints=base.breakpoints)
         return replace(self, base=base, models=tuple(models))
 
@@ -360,7 +321,8 @@ class Trial(NamedTuple):
     difference
         Neighboring models.
     error
-        See `Stencil.assess`.
+        Largest error of one-sided derivatives, relative to the largest change; infinite if all
+        changes are rounding errors, and zero if nothing changes.
     change
         Largest change of a number, relative to the larger of 1 and the numbers of the same kind.
     has_kink
@@ -398,9 +360,7 @@ def try_step(
     """
     for stencil in stencils:
         try:
-            neighbors = tuple(
-                assemble(build_neighbor(model, change(x * delta))) for x in stencil.steps
-            )
+            neighbors = tuple(assemble(build_neighbor(model, change(x * delta))) for x in stencil)
         except BeamdaeError as problem:
             rejection = problem
             continue
@@ -411,12 +371,27 @@ def try_step(
         here, n_p = numbers_and_start(base), len(base.p)
         sizes, rounding = sizes_and_rounding(base)
         changes = np.array([numbers_and_start(e) for e in neighbors]) - here
-        error, largest = stencil.assess(changes, sizes, rounding), np.abs(changes).max(axis=0)
+        largest = np.abs(changes).max(axis=0)
+        is_significant, error = largest > _MIN_RESOLVED_CHANGE * rounding, 0.0
+        if np.any(is_significant):
+            # Deviation of the derivative on one side, times the smallest step.
+            step = min(map(abs, stencil))
+            side = [x for x in stencil if x * stencil[-1] > 0.0 and abs(x) <= 2.0 * step]
+            one_sided = dict(zip(side, _weigh((0.0, *side), 1)[1:], strict=True))
+            weights = np.array([one_sided.get(x, 0.0) for x in stencil]) - _weigh(stencil, 1)
+            errors = np.maximum(np.abs(step * weights @ changes) - rounding, 0.0)
+            scales = np.maximum(np.maximum(sizes, largest), np.finfo(float).tiny)
+            worst, most = (np.max((x / scales)[is_significant]) for x in (errors, largest))
+            error = float(worst / most)
+        elif np.any(largest):
+            error = math.inf
         # A parameter with a tiny value may be added to coordinates, such as 1e-8 m to 1 m.
         is_lost = (largest[n_p:] > 0.0) & (largest[n_p:] <= rounding[n_p:])
         if np.any(is_lost) and delta < _ROUNDING * np.max(sizes[n_p:]):
             error = math.inf
-        kinks = stencil.find_kinks(changes[:, :n_p], rounding[:n_p])
+        # Deviations from values that are interpolated between the neighbors.
+        gaps = np.abs(_weigh(stencil, 0) @ changes[:, :n_p])
+        kinks = gaps > _MIN_KINK * largest[:n_p] + rounding[:n_p]
         relative_change = float(np.max(largest / np.maximum(sizes, 1.0)))
         return Trial(difference, error, relative_change, bool(np.any(kinks)))
     raise _RejectedError(str(rejection))
@@ -429,9 +404,15 @@ def numbers_and_start(equations: EquationsOfMotion) -> Array:
 
 def sizes_and_rounding(equations: EquationsOfMotion) -> tuple[Array, Array]:
     """Return the largest magnitudes of the kinds of `numbers_and_start`, and rounding errors."""
+    largest = np.abs(equations.p)
+    terms: list[ForceTerm | ConstraintTerm] = [*equations.forces, *equations.joints]
+    for term in terms:
+        # The largest magnitude over the copies of a kernel.
+        numbers = largest[term.data].reshape((-1, term.count), order="F")
+        of_kind = np.broadcast_to(numbers.max(axis=1, keepdims=True), numbers.shape)
+        largest[term.data] = of_kind.ravel(order="F")
     motion = [np.abs(x).max(initial=0.0) for x in (equations.q0, equations.v0)]
-    sizes = [_largest_of_kind(equations), np.repeat(motion, equations.n)]
-    size = np.concatenate(sizes)
+    size = np.append(largest, np.repeat(motion, equations.n))
     magnitudes = np.abs(numbers_and_start(equations))
     return size, _ROUNDING * magnitudes + _ROUNDING_OF_KIND * np.maximum(size, 1.0)
 
@@ -492,13 +473,144 @@ def forms_of(equations: EquationsOfMotion) -> list[tuple[int, int]]:
     return [(x.operator.shape[0], x.data.stop - x.data.start) for x in terms]
 
 
-def _largest_of_kind(equations: EquationsOfMotion) -> Array:
-    """Return for each number in p the largest magnitude over the copies of its kernel."""
-    sizes = np.abs(equations.p)
-    terms: list[ForceTerm | ConstraintTerm] = [*equations.forces, *equations.joints]
-    for term in terms:
-        numbers = sizes[term.data].reshape((-1, term.count), order="F")
-        sizes[term.data] = np.broadcast_to(numbers.max(axis=1, keepdims=True), numbers.shape).ravel(
-            order="F"
-        )
-    return sizes
+# Parameters are searched for those that affect the same numbers if they are at least this many.
+_MIN_SEARCHED = 4
+# Largest error of the sum of the derivatives along a common change of all parameters, relative to
+# the sum of their magnitudes.
+_MAX_COMMON_ERROR = 1e-6
+
+
+# The latest parameters of a model function with the entries that they affect, (k, size), or False
+# if no groups were found: searches of an optimum differentiate the same parameters repeatedly.
+_latest_effects: WeakKeyDictionary[Callable[..., Any], dict[Any, Any]]
+_latest_effects = WeakKeyDictionary()
+
+
+def difference_models(
+    model: NumericModel,
+    names: Sequence[str],
+    base: EquationsOfMotion,
+    assemble: Callable[[Any], EquationsOfMotion],
+) -> dict[str, Difference]:
+    """Return the models around the values of parameters, by name; see `difference_model`.
+
+    If groups of parameters act independently, these models contain their linear effects on the
+    numbers and the start.
+
+    Parameters
+    ----------
+    model, names
+        Model at the values of its parameters, and names of some that are floats.
+    base
+        Equations of the model.
+    assemble
+        Function that returns the equations of a mechanism.
+    """
+    rows = None
+    if base.configurations is None and len(names) >= _MIN_SEARCHED:
+        latest = _latest_effects.setdefault(model.build, {})
+        key = tuple(names), len(numbers_and_start(base))
+        masks = latest.get(key)
+        found: Any = False
+        for known in () if masks is False else (None,) if masks is None else (masks, None):
+            with suppress(BeamdaeError):
+                rows, found = _differentiate_groups(model, names, base, assemble, known)
+                break
+        # Unless the search for groups succeeds, it is not repeated.
+        latest[key] = found
+    if rows is None:
+        return {x: difference_model(model, x, base, assemble) for x in names}
+    result = {}
+    for name, row in zip(names, rows, strict=True):
+        if not np.any(row):
+            warn_without_effect(model.name, name)
+        delta, models = first_difference(float(model.parameters[name])), []
+        for x in CENTRAL:
+            moved = numbers_and_start(base) + x * delta * row
+            p, q0, v0 = np.split(moved, [len(base.p), len(base.p) + base.n])
+            models.append(replace(base, p=p, q0=q0, v0=v0))
+        result[name] = Difference(tuple(models), CENTRAL, delta, name, base, is_regular=True)
+    return result
+
+
+class _DependentError(BeamdaeError):
+    """No parameters can be changed together; each is differenced alone."""
+
+
+def _differentiate_groups(
+    model: NumericModel,
+    names: Sequence[str],
+    base: EquationsOfMotion,
+    assemble: Callable[[Any], EquationsOfMotion],
+    masks: Array | None,
+) -> tuple[Array, Array]:
+    """Return the derivatives (k, size) of the numbers and the start, by groups, and the masks.
+
+    `masks` are True (k, size) where a parameter affects an entry; None if this is unknown.
+
+    Raises
+    ------
+    BeamdaeError
+        If all parameters depend on each other, the derivatives are not accurate, the model rejects
+        a change, or a parameter changes the number of entries.
+    """
+    values, here = np.array([float(model.parameters[x]) for x in names]), numbers_and_start(base)
+    sizes = np.array([first_difference(x) for x in values]) / RELATIVE_DIFFERENCE
+
+    def change(shares: Array) -> Trial:
+        """Return the models at relative changes by shares * x about x = 0."""
+
+        def move(x: float) -> dict[str, float]:
+            moved = values + x * shares * sizes
+            return {names[k]: float(moved[k]) for k in np.flatnonzero(shares).tolist()}
+
+        name = ", ".join(names)
+        trial = try_step(model, name, move, base, assemble, RELATIVE_DIFFERENCE, (CENTRAL,))
+        is_independent = all(has_same_operators(base, e) for e in trial.difference.models)
+        if not (is_independent and is_regular(trial.difference, base)):
+            raise _DependentError
+        return trial
+
+    if masks is None:
+        rows = []
+        for name, value in zip(names, values + RELATIVE_DIFFERENCE * sizes, strict=True):
+            rows.append(numbers_and_start(assemble(build_neighbor(model, {name: float(value)}))))
+            if len(rows[-1]) != len(here):
+                raise _DependentError
+        masks = np.array(rows) != here
+    groups: list[tuple[list[int], Array]] = []
+    for k, mask in enumerate(masks):
+        for group, union in groups:
+            if not np.any(union & mask):
+                group.append(k)
+                union |= mask
+                break
+        else:
+            groups.append(([k], mask.copy()))
+    if len(groups) == len(masks):
+        raise _DependentError
+    result = np.zeros(masks.shape)
+    for group, _ in groups:
+        trial = change(np.isin(np.arange(len(names)), group) * 1.0)
+        if not trial.is_smooth:
+            raise _DependentError
+        along = trial.difference.along(numbers_and_start)
+        result[group] = np.where(masks[group], along, 0.0) / sizes[group, None]
+    # The derivatives add up along a common change of all parameters.
+    shares = np.random.default_rng(0).choice([-1.0, -0.5, 0.5, 1.0], len(names))
+    parts = result * (shares * sizes)[:, None]
+    error = np.abs(change(shares).difference.along(numbers_and_start) - parts.sum(axis=0))
+    rounding = sizes_and_rounding(base)[1] / RELATIVE_DIFFERENCE
+    if np.any(error > _MAX_COMMON_ERROR * np.abs(parts).sum(axis=0) + rounding):
+        raise _DependentError
+    return result, masks
+
+
+def is_regular(difference: Difference, base: EquationsOfMotion) -> bool:
+    """Return True if neighboring models differ from `base` only in their numbers and start."""
+    return difference.is_regular or all(
+        e.structure == base.structure
+        and forms_of(e) == forms_of(base)
+        and e.breakpoints == base.breakpoints
+        for e in difference.models
+    )

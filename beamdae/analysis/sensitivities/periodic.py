@@ -14,8 +14,7 @@ from beamdae.analysis.periodic.monodromy import EXACT_RANK
 from beamdae.analysis.periodic.period_map import PeriodMap, PeriodRun
 from beamdae.analysis.periodic.periodic_solution import periodic
 from beamdae.analysis.periodic.shooting import DEFAULT_RTOL, ShootingMatrix
-from beamdae.analysis.sensitivities.many_parameters import difference_models
-from beamdae.analysis.sensitivities.neighbors import Difference
+from beamdae.analysis.sensitivities.neighbors import Difference, difference_models
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_run_columns,
     time_derivative,

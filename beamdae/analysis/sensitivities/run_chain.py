@@ -1,4 +1,4 @@
-"""Derivatives of the states of a run, across breakpoints, events, impacts and switches.
+"""Derivatives of the states of a run: its start, breakpoints, events, impacts and switches.
 
 At a restart whose time t depends on the parameter, with the states x = (q, v) and their rates f
 before (-) and after (+) it, the derivatives s at fixed time change from s- to
@@ -13,56 +13,298 @@ doi:10.1016/S0168-9274(98)00125-1.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, field, fields, replace
+from itertools import pairwise
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
+from beamdae import deferred
+from beamdae.analysis.sensitivities.implicit import (
+    differentiate_equilibrium,
+    find_unique_equilibrium,
+)
 from beamdae.analysis.sensitivities.linear_steps import Matrices, differentiate_steps
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
+    NumericModel,
     derivative_call,
+    difference_models,
 )
-from beamdae.analysis.sensitivities.requested_start import differentiate_starts
-from beamdae.analysis.sensitivities.restart_times import (
-    differentiate_breakpoint,
-    differentiate_event_time,
-    event_number,
-    find_event,
-    require_inner_breakpoints,
-    time_rounding,
+from beamdae.analysis.sensitivities.observable_derivatives import (
+    differentiate_columns,
+    group_times,
+    join_points,
+    time_derivative,
 )
 from beamdae.analysis.sensitivities.start_derivatives import (
-    Directions,
     group_directions,
 )
-from beamdae.equations.assembly.configurations import Configurations
 from beamdae.equations.equations_of_motion import (
     Configuration,
     EquationsOfMotion,
-    ImpactEquations,
     State,
 )
+from beamdae.equations.smooth_intervals import SAME_TIME, time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
-from beamdae.equations.starts.reduced_equations import ReducedEquations, keep_constraints
+from beamdae.equations.starts.reduced_equations import keep_constraints
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.equations.structure import has_same_patterns
-from beamdae.errors import BeamdaeError
-from beamdae.integrators import GeneralizedAlpha, Radau
+from beamdae.errors import (
+    BeamdaeError,
+    require_choice,
+    short_repr,
+    warn_user,
+    warnings_are_ignored,
+)
+from beamdae.integrators import Auto, GeneralizedAlpha, Integrator, Radau
 from beamdae.integrators.events.switching import apply_impact
 from beamdae.integrators.reaction_balance import bound_reactions, remove_redundant
+from beamdae.interrupts import keep_result
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
 from beamdae.parts.events import select_impacts
+from beamdae.parts.mechanism import AS_DRAWN, require_start
+from beamdae.results.outcome import EventRecord
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Interval, Trajectory
+from beamdae.simulation import as_equations, is_unchecked, simulate, unchecked
 
 Array = np.ndarray
+
+# Slowest rate of an event quantity at an event, relative to the range of the quantity and to the
+# duration of the interval before it. A parabola that passes its threshold with a slower rate
+# exceeds it by less than 1e-8 of its range, which runs do not resolve.
+_MIN_EVENT_RATE = 1e-4
+
+
+def time_rounding(trajectory: Trajectory) -> float:
+    """Return the difference up to which times of a run are the same [s]."""
+    return SAME_TIME * max(abs(trajectory.start), abs(trajectory.end))
+
+
+def event_number(equations: EquationsOfMotion, name: str) -> int:
+    """Return the index of an event."""
+    return next(k for k, x in enumerate(equations.events) if x.name == name)
+
+
+def find_event(solution: Solution, t: float) -> EventRecord | None:
+    """Return the record of the event that acts at `t` [s], or None.
+
+    Raises
+    ------
+    BeamdaeError
+        If the derivative does not exist, because several events act, or the event is at the end of
+        the run or at a breakpoint.
+    """
+    records = _records_at(solution, t, stops=False)
+    if not records:
+        return None
+    rounding, times = time_rounding(solution.trajectory), solution.equations.breakpoints
+    for at, place in (
+        (solution.trajectory.end, "the end of the run"),
+        *((x, "a breakpoint of a law") for x in times),
+    ):
+        if abs(t - at) <= rounding:
+            raise BeamdaeError(
+                f"{derivative_call()}: event {records[0].name} acts at {place}, t = {t:g} s, where "
+                "the derivatives do not exist; separate the two times."
+            )
+    return records[0]
+
+
+def find_stop(solution: Solution) -> int | None:
+    """Return the index of the event that stopped a run, None if it reached its end time.
+
+    Raises
+    ------
+    BeamdaeError
+        If several events stop the run at the same time.
+    """
+    records = _records_at(solution, solution.trajectory.end, stops=True)
+    return event_number(solution.equations, records[0].name) if records else None
+
+
+def _records_at(solution: Solution, t: float, *, stops: bool) -> list[EventRecord]:
+    """Return the record of the event that acts at `t` [s], or stops the run, if there is one."""
+    equations, rounding = solution.equations, time_rounding(solution.trajectory)
+
+    def is_sought(name: str) -> bool:
+        action = equations.events[event_number(equations, name)].do
+        return action == "stop" if stops else not isinstance(action, str)
+
+    records = [x for x in solution.event_records if abs(x.t - t) <= rounding and is_sought(x.name)]
+    # Impacts that close each other's gaps occur several times.
+    names = list(dict.fromkeys(x.name for x in records))
+    if len(records if not stops else names) > 1:
+        raise BeamdaeError(
+            f"{derivative_call()}: events {' and '.join(names)} act at the same time, t = {t:g} s, "
+            "where the derivatives do not exist; separate the two times."
+        )
+    return records
+
+
+def require_inner_breakpoints(difference: Difference, trajectory: Trajectory) -> None:
+    """Reject a parameter that moves a breakpoint across the start or the end of the run."""
+    rounding = time_rounding(trajectory)
+    for b, dt in breakpoint_derivatives(difference):
+        if dt and min(abs(b - trajectory.start), abs(b - trajectory.end)) <= rounding:
+            raise BeamdaeError(
+                f"{derivative_call()}: {difference.name} moves the breakpoint of a law at t = "
+                f"{b:g} s across the start or the end of the run, where the derivatives do "
+                "not exist; choose another value, or another t_end."
+            )
+
+
+def differentiate_event_time(
+    equations: EquationsOfMotion,
+    number: int,
+    interval: Interval,
+    t: float,
+    along: Mapping[str, Interval],
+    differences: Mapping[str, Difference],
+) -> dict[str, float]:
+    """Return the derivatives of the time of an event [s] by parameter.
+
+    Parameters
+    ----------
+    equations, number
+        Equations of all parts, and index of the event in them.
+    interval, t
+        Interval of the run that contains the event, and the time of the event [s].
+    along
+        Derivatives of the states of the interval, by parameter.
+    differences
+        Models at neighboring values, by parameter.
+
+    Raises
+    ------
+    BeamdaeError
+        If the event quantity hardly changes at the event.
+    """
+    term, here = equations.events[number], np.array([t])
+    # Elastic forces follow from the states at several nodes, with weights, others from that at t.
+    is_elastic = term.observable.is_elastic
+    ((inactive, points),) = group_times(Trajectory((interval,)), here, is_elastic)
+    times, at = join_points(points, Trajectory((interval,)))
+    active = equations.without_loads_of(inactive)
+    values = term.evaluate_difference(
+        active.p, interval.times, interval.rows.q, interval.rows.v, interval.rows.lam
+    )
+    duration = max(float(interval.nodes[-1] - interval.nodes[0]), np.finfo(float).tiny)
+    if is_elastic:
+        rate = float(interval.force_rates_at(values, here)[0])
+    else:
+        lam_rates = interval.derivative_at(here).lam
+        rate = float(time_derivative(term.observable, active, times, at, lam_rates)[0, term.column])
+    if not abs(rate) > _MIN_EVENT_RATE * float(np.ptp(values)) / duration:
+        raise BeamdaeError(
+            f"{derivative_call()}: the quantity of event {term.name} only touches its value at t = "
+            f"{t:g} s, where the derivatives do not exist; choose other values of the parameters."
+        )
+    changes = differentiate_columns(
+        lambda e: e.events[number].observable,
+        times,
+        at,
+        {name: join_points(points, Trajectory((x,)))[1] for name, x in along.items()},
+        differences,
+        inactive,
+    )
+    weights = points[0].weights
+    return {
+        name: (
+            differences[name].along(lambda e: e.events[number].crosses)
+            - float((change if weights is None else weights @ change)[0, term.column])
+        )
+        / rate
+        + 0.0  # not -0.0
+        for name, change in changes.items()
+    }
+
+
+def breakpoint_derivatives(difference: Difference) -> list[tuple[float, float]]:
+    """Return pairs of a breakpoint [s] and its derivative."""
+    derivatives = difference.along(lambda e: np.array(e.breakpoints))
+    return list(zip(difference.base.breakpoints, derivatives.tolist(), strict=True))
+
+
+def differentiate_starts(
+    differences: Sequence[Difference], time: Array, at: State
+) -> list[tuple[Array, Array]]:
+    """Return the derivatives of the requested initial positions and velocities along parameters.
+
+    `time` and `at` are (t, branch) and the state at the start of the run.
+    """
+    bases = {id(x.base): x.base for x in differences}
+    equilibria = {key: find_unique_equilibrium(e) for key, e in bases.items()}
+
+    def start(e: EquationsOfMotion) -> Array:
+        return np.concatenate(ConsistencySolver(e).start_state(time, e.q0, e.v0)[:2])
+
+    result = []
+    for x in differences:
+        equilibrium, models = equilibria[id(x.base)], (x.base, *x.models)
+        is_consistent = np.array_equal(at.q, x.base.q0)
+        if is_consistent and not any(start_adds_velocities(e, time) for e in models):
+            dq, dv = x.along(lambda e: e.q0), x.along(lambda e: e.v0)
+        else:
+            dq, dv = np.split(x.along(start), 2)
+        result.append((differentiate_equilibrium(equilibrium, x) if equilibrium else dq, dv))
+    return result
+
+
+def assemble_neighbors(base: EquationsOfMotion, start: Any) -> Callable[[Any], EquationsOfMotion]:
+    """Return the function that assembles models at neighboring values of parameters.
+
+    If the run starts in a unique equilibrium, that of its neighbors is not searched: they start at
+    that of the run, whose derivative follows from the static equations.
+
+    Parameters
+    ----------
+    base, start
+        Equations of the run, and its start; None for that of the model.
+    """
+
+    def assemble(mechanism: Any) -> EquationsOfMotion:
+        return as_equations(derivative_call(), mechanism, start)
+
+    time = time_on_branch(base.breakpoints, 0.0)
+    if (
+        base.configurations is not None
+        or base.redundant
+        or len(base.states)
+        or start_adds_velocities(base, time)
+        or find_unique_equilibrium(base) is None
+    ):
+        return assemble
+
+    def assemble_as_drawn(mechanism: Any) -> EquationsOfMotion:
+        neighbor = as_equations(derivative_call(), mechanism, AS_DRAWN)
+        if neighbor.n != base.n:  # Rejected by the caller.
+            return neighbor
+        result = replace(neighbor, q0=base.q0, v0=base.v0, start=base.start)
+        return assemble(mechanism) if start_adds_velocities(result, time) else result
+
+    return assemble_as_drawn
+
+
+def start_adds_velocities(equations: EquationsOfMotion, time: Array) -> bool:
+    """Return True if bodies are set in motion at the start, see `ConsistencySolver.start_state`."""
+    kernels = [joint.kernel for joint in equations.structure.joints]
+    if not np.any(equations.v0) and all(x.is_scleronomic for x in kernels):
+        return False
+    solver = ConsistencySolver(equations)
+    return not np.array_equal(
+        solver.rigid_velocities(time, equations.q0, equations.v0), equations.v0
+    )
+
+
 Starts = Mapping[str, tuple[Array, Array]]
 
 # Copies of the derivatives of all steps that are in memory at the same time.
-_COPIES_OF_ROWS = 3.0
+COPIES_OF_ROWS = 3.0
 
 
 class RunDerivative(NamedTuple):
@@ -102,20 +344,51 @@ def differentiate_states(
     require_memory(
         derivative_call(),
         f"derivatives of {trajectory.steps} steps with respect to {len(differences)} parameters",
-        _COPIES_OF_ROWS * 8.0 * nodes * len(differences) * (3 * equations.n + equations.m),
+        COPIES_OF_ROWS * 8.0 * nodes * len(differences) * (3 * equations.n + equations.m),
         "use longer steps or fewer parameters",
     )
     solution = bound_reactions(solution)
     with single_threaded:
-        redundant = RedundantConstraints.of(solution)
-        if redundant is None:
+        reduced = remove_redundant(equations, solution.trajectory.start)
+        if reduced is None:
             return _Chain(solution, method, differences, starts).differentiate()
-        reduced = {name: redundant.reduce(x) for name, x in differences.items()}
-        chain = _Chain(redundant.solution, method, reduced, starts)
-        return {
-            name: x._replace(trajectory=redundant.restore(x.trajectory, differences[name]))
-            for name, x in chain.differentiate().items()
+        rows, full = reduced.independent, StateEvaluator(equations)
+
+        def keep(e: EquationsOfMotion) -> EquationsOfMotion:
+            return keep_constraints(e, rows)
+
+        def reduce(interval: Interval) -> Interval:
+            """Return an interval with the multipliers of the independent constraints."""
+            states = interval.rows
+            lam = np.zeros((len(states.lam), len(rows)))
+            for k, (time, q) in enumerate(zip(interval.times, states.q, strict=True)):
+                gradient = full.constraint_matrix(time, q).toarray()
+                force = gradient.T @ states.lam[k]
+                lam[k] = np.linalg.lstsq(gradient[rows].T, force, rcond=None)[0]
+            return replace(interval, rows=states._replace(lam=lam))
+
+        def restore(interval: Interval, change: Interval, difference: Difference) -> Interval:
+            """Difference the reactions of minimum norm along the derivatives."""
+
+            def evaluate(e: EquationsOfMotion, q: Array, lam: Array) -> Array:
+                neighbor = replace(reduced, full=e, equations=keep(e))
+                return neighbor.restore_reactions(interval.times, q, lam)
+
+            (q, _, _, lam), along = interval.rows, change.rows
+            lam = difference.along(evaluate, (q, along.q), (lam, along.lam))
+            return replace(change, rows=along._replace(lam=lam))
+
+        intervals, result = tuple(map(reduce, solution.trajectory.intervals)), {}
+        run = replace(solution, equations=reduced.equations, trajectory=Trajectory(intervals))
+        smaller = {
+            name: replace(x, base=keep(x.base), models=tuple(map(keep, x.models)))
+            for name, x in differences.items()
         }
+        for name, x in _Chain(run, method, smaller, starts).differentiate().items():
+            pairs = zip(intervals, x.trajectory.intervals, strict=True)
+            restored = tuple(restore(*pair, differences[name]) for pair in pairs)
+            result[name] = x._replace(trajectory=Trajectory(restored))
+        return result
 
 
 class _Crossing(NamedTuple):
@@ -156,17 +429,28 @@ class _Chain:
 
     def differentiate(self) -> dict[str, RunDerivative]:
         """Return the derivatives by parameter."""
-        intervals = self._solution.trajectory.intervals
-        phases = [Phase.first(x, intervals[0].configuration) for x in self._differences.values()]
+        intervals, whole = self._solution.trajectory.intervals, self._differences.values()
+        first, phases = (
+            intervals[0].configuration,
+            [Phase(x, x, [None] * len(x.models)) for x in whole],
+        )
+        if first is not None:
+            phases = [
+                _activate(x, first, [e.configurations.initial_configuration(e) for e in x.models])
+                for x in whole
+            ]
         for phase in phases:
             require_inner_breakpoints(phase.active, self._solution.trajectory)
-        rows: list[list[Interval]] = []
-        all_shifts: list[Array] = []
-        for k, interval in enumerate(intervals):
-            if k == 0:
-                crossing = self._begin(phases, interval)
-            else:
-                crossing = self._cross(crossing.phases, intervals[k - 1], interval, rows[-1])
+        time, at = node_state(with_active_multipliers(intervals[0]), 0)
+        if self._starts is None:
+            starts = differentiate_starts([x.active for x in phases], time, at)
+        else:
+            starts = [self._starts[name] for name in self._differences]
+        dq, dv = (np.array(x) for x in zip(*starts, strict=True))
+        crossing = _Crossing(phases, at.v, np.zeros(len(phases)), dq, dv)
+        rows, all_shifts = [self._differentiate_interval(crossing, intervals[0])], [crossing.shifts]
+        for before, interval in pairwise(intervals):
+            crossing = self._cross(crossing.phases, before, interval, rows[-1])
             rows.append(self._differentiate_interval(crossing, interval))
             all_shifts.append(crossing.shifts)
         return {
@@ -179,48 +463,34 @@ class _Chain:
     def _differentiate_interval(self, crossing: _Crossing, interval: Interval) -> list[Interval]:
         """Return the derivatives of an interval at fixed times, by parameter."""
         active, n = with_active_multipliers(interval), self._equations.n
+        equations, (time, at) = interval.active_equations(self._equations), node_state(active, 0)
         result = [interval] * len(crossing.phases)
         for directions in group_directions([x.active for x in crossing.phases]):
-            nodes = self._sweep(crossing, directions, active)
-            for member, rows in zip(directions.members, nodes.swapaxes(0, 1), strict=True):
-                q, v, a, lam = np.split(rows, [n, 2 * n, 3 * n], axis=1)
+            maps, members, numbers = directions
+            shifts, dq, dv = (x[members] for x in (crossing.shifts, crossing.dq, crossing.dv))
+            h = float(interval.t[1] - interval.t[0]) if shifts.any() else 0.0
+            start_map = maps.start_map(time, at, crossing.v, h)
+            fixed = moved = maps.along(start_map, np.hstack([dq, dv]), numbers, shifts)
+            if shifts.any():
+                rates = np.concatenate([at.v, at.a])
+                changes = moved[:, : len(rates)] - np.multiply.outer(shifts, rates)
+                fixed = maps.along(maps.completion_map(time, at), changes, numbers)
+            if isinstance(self._method, Radau):
+                moved, shifts = fixed, np.zeros_like(shifts)
+            nodes = differentiate_steps(
+                self._method, directions, equations, active, moved, shifts, self._matrices
+            )
+            nodes[0] = fixed
+            if shifts.any():
+                rows, along = active.rows, active.derivative_at(active.nodes)
+                rates = np.hstack([rows.v, rows.a, along.a, along.lam])[1:]
+                nodes[1:] -= rates[:, None] * shifts[:, None]
+            for member, x in zip(members, nodes.swapaxes(0, 1), strict=True):
+                q, v, a, lam = np.split(x, [n, 2 * n, 3 * n], axis=1)
                 if interval.configuration is not None:
                     lam = interval.configuration.expand_multipliers(lam, self._equations.m)
                 result[member] = replace(interval, rows=State(q, v, a, lam))
         return result
-
-    def _sweep(self, crossing: _Crossing, directions: Directions, interval: Interval) -> Array:
-        """Return the derivatives along some directions, (nodes, k, size)."""
-        maps, members, numbers = directions
-        shifts, dq, dv = (x[members] for x in (crossing.shifts, crossing.dq, crossing.dv))
-        time, at = node_state(interval, 0)
-        h = float(interval.t[1] - interval.t[0]) if shifts.any() else 0.0
-        start_map = maps.start_map(time, at, crossing.v, h)
-        fixed = moved = maps.along(start_map, np.hstack([dq, dv]), numbers, shifts)
-        if shifts.any():
-            rates = np.concatenate([at.v, at.a])
-            changes = moved[:, : len(rates)] - np.multiply.outer(shifts, rates)
-            fixed = maps.along(maps.completion_map(time, at), changes, numbers)
-        if isinstance(self._method, Radau):
-            moved, shifts = fixed, np.zeros_like(shifts)
-        equations = interval.active_equations(self._equations)
-        nodes = differentiate_steps(
-            self._method, directions, equations, interval, moved, shifts, self._matrices
-        )
-        nodes[0] = fixed
-        if shifts.any():
-            nodes[1:] -= _rates_at_steps(interval)[1:, None] * shifts[:, None]
-        return nodes
-
-    def _begin(self, phases: list[Phase], interval: Interval) -> _Crossing:
-        """Return the start of the run."""
-        time, at = node_state(with_active_multipliers(interval), 0)
-        if self._starts is None:
-            starts = differentiate_starts([x.active for x in phases], time, at)
-        else:
-            starts = [self._starts[name] for name in self._differences]
-        dq, dv = (np.array(x) for x in zip(*starts, strict=True))
-        return _Crossing(phases, at.v, np.zeros(len(phases)), dq, dv)
 
     def _cross(
         self, phases: list[Phase], before: Interval, after: Interval, along: list[Interval]
@@ -228,10 +498,25 @@ class _Chain:
         """Return a restart; `along` are the derivatives of the interval `before` by parameter."""
         t = float(after.t[0])
         event = find_event(self._solution, t)
-        time, at = self._state_before(before)
+        time, at = node_state(with_active_multipliers(before), -1)
+        # The velocities of generalized-alpha change at the rate of its own accelerations, also for
+        # modes that are too fast for the step.
+        if isinstance(self._method, Radau):
+            # Fast modes may be far from equilibrium within the steps; these accelerations belong to
+            # the positions and velocities.
+            solver = ConsistencySolver(before.active_equations(self._equations))
+            at = State(at.q, at.v, *solver.acceleration(time, at.q, at.v))
         if event is None:
-            rounding = time_rounding(self._solution.trajectory)
-            shifts = np.array([differentiate_breakpoint(x.active, t, rounding) for x in phases])
+            rounding, shifts = time_rounding(self._solution.trajectory), np.zeros(len(phases))
+            for k, difference in enumerate(x.active for x in phases):
+                pairs = breakpoint_derivatives(difference)
+                rates = [dt for b, dt in pairs if abs(b - t) <= rounding] or [0.0]
+                if max(rates) != min(rates):
+                    raise BeamdaeError(
+                        f"{derivative_call()}: {difference.name} moves one of several breakpoints "
+                        f"at t = {t:g} s, where the derivatives do not exist; separate their times."
+                    )
+                shifts[k] = rates[0]
         else:
             number = event_number(self._equations, event.name)
             ends = dict(zip(self._differences, along, strict=True))
@@ -244,44 +529,33 @@ class _Chain:
         if event is None:
             return _Crossing(phases, at.v, shifts, dq, dv)
         v = at.v
+        models = [list(zip(x.whole.models, x.configurations, strict=True)) for x in phases]
         if select_impacts(self._equations.events[number].do):
-            assert before.configuration is not None
 
-            def hit(impact: ImpactEquations, time: Array, q: Array, v: Array) -> Array:
+            def hit(model: tuple[EquationsOfMotion, Any], time: Array, q: Array, v: Array) -> Array:
+                e, now = model
+                impacts = select_impacts(e.events[number].do)
+                impact = e.configurations.impact_equations(e, now, event.name, impacts)
                 return apply_impact(impact, time, at._replace(q=q, v=v))[0]
 
             for k, (phase, dt) in enumerate(zip(phases, shifts.tolist(), strict=True)):
-                dv[k] = replace(phase.whole, models=phase.impacts(number)).along(
-                    hit,
-                    (time, np.array([dt, 0.0])),
-                    (at.q, dq[k]),
-                    (at.v, dv[k]),
-                )
-            v = hit(impact_equations(self._equations, before.configuration, number), time, *at[:2])
+                clock = time, np.array([dt, 0.0])
+                changes = clock, (at.q, dq[k]), (at.v, dv[k])
+                dv[k] = replace(phase.whole, models=models[k]).along(hit, *changes)
+            v = hit((self._equations, before.configuration), time, *at[:2])
         assert after.configuration is not None
-        phases = [
-            phase.after_event(number, after.configuration, time, dt, at.q, change)
-            for phase, dt, change in zip(phases, shifts.tolist(), dq, strict=True)
-        ]
-        return _Crossing(phases, v, shifts, dq, dv)
-
-    def _state_before(self, before: Interval) -> tuple[Array, State]:
-        """Return (t, branch) and the state at the end of an interval, with its accelerations."""
-        time, at = node_state(with_active_multipliers(before), -1)
-        if isinstance(self._method, Radau):
-            # Fast modes may be far from equilibrium within the steps; these accelerations belong to
-            # the positions and velocities.
-            solver = ConsistencySolver(before.active_equations(self._equations))
-            at = State(at.q, at.v, *solver.acceleration(time, at.q, at.v))
-        # The velocities of generalized-alpha change at the rate of its own accelerations, also for
-        # modes that are too fast for the step.
-        return time, at
-
-
-def _rates_at_steps(interval: Interval) -> Array:
-    """Return the rates of (q, v, q'', lam) at the steps of a method without stages."""
-    rates = interval.derivative_at(interval.nodes)
-    return np.hstack([interval.rows.v, interval.rows.a, rates.a, rates.lam])
+        after_event = []
+        for k, (phase, dt) in enumerate(zip(phases, shifts.tolist(), strict=True)):
+            # Joints may keep the gaps that they have at the event, and laws may begin there: the
+            # event of each neighboring model is at its own time and positions.
+            configurations = [
+                e.configurations.configuration_after(
+                    e, now, e.events[number], time + np.array([step * dt, 0.0]), at.q + step * dq[k]
+                )
+                for (e, now), step in zip(models[k], phase.whole.steps, strict=True)
+            ]
+            after_event.append(_activate(phase.whole, after.configuration, configurations))
+        return _Crossing(after_event, v, shifts, dq, dv)
 
 
 def with_active_multipliers(interval: Interval) -> Interval:
@@ -297,8 +571,7 @@ def node_state(interval: Interval, k: int) -> tuple[Array, State]:
     return interval.times[k], State(*(x[k] for x in interval.rows))
 
 
-@dataclass(frozen=True)
-class Phase:
+class Phase(NamedTuple):
     """Equations of the active parts at neighboring values of one parameter.
 
     Attributes
@@ -313,149 +586,160 @@ class Phase:
 
     whole: Difference
     active: Difference
-    configurations: tuple[Any, ...]
-
-    @classmethod
-    def first(cls, whole: Difference, configuration: Configuration | None) -> Phase:
-        """Return the phase at the start of a run with this configuration."""
-        if configuration is None:
-            return cls(whole, whole, (None,) * len(whole.models))
-        configurations = tuple(_configurations(e).initial_configuration(e) for e in whole.models)
-        return cls(whole, _activate(whole, configuration, configurations), configurations)
-
-    def after_event(
-        self,
-        number: int,
-        configuration: Configuration,
-        time: Array,
-        dt: float,
-        q: Array,
-        dq: Array,
-    ) -> Phase:
-        """Return the phase after an event.
-
-        Joints may keep the gaps that they have at the event, and laws may begin there. Therefore,
-        the event of each neighboring model is at its own time and positions.
-
-        Parameters
-        ----------
-        number
-            Index of the event.
-        configuration
-            Configuration of the run after the event.
-        time, q
-            (t, branch) and positions at the event.
-        dt, dq
-            Total derivatives of the time of the event [s] and of the positions.
-        """
-        configurations = tuple(
-            _configurations(e).configuration_after(
-                e, now, e.events[number], time + np.array([step * dt, 0.0]), q + step * dq
-            )
-            for e, now, step in zip(
-                self.whole.models, self.configurations, self.whole.steps, strict=True
-            )
-        )
-        active = _activate(self.whole, configuration, configurations)
-        return Phase(self.whole, active, configurations)
-
-    def impacts(self, number: int) -> list[ImpactEquations]:
-        """Return the equations of the impacts of an event of the neighboring models."""
-        pairs = zip(self.whole.models, self.configurations, strict=True)
-        return [impact_equations(e, now, number) for e, now in pairs]
-
-
-def impact_equations(
-    equations: EquationsOfMotion, configuration: Configuration, number: int
-) -> ImpactEquations:
-    """Return the equations of the impacts of an event; `configuration` is that before it."""
-    event = equations.events[number]
-    impacts = select_impacts(event.do)
-    return _configurations(equations).impact_equations(
-        equations, configuration, event.name, impacts
-    )
-
-
-def _configurations(equations: EquationsOfMotion) -> Configurations:
-    configurations: Configurations = equations.configurations
-    return configurations
+    configurations: Sequence[Any]
 
 
 def _activate(
     whole: Difference, configuration: Configuration, neighbors: Sequence[Configuration]
-) -> Difference:
-    """Return the difference of the equations of the active parts."""
+) -> Phase:
+    """Return the phase with these active parts of the run and of the neighboring models."""
     models = [x.equations for x in neighbors]
     if not all(has_same_patterns(e.structure, models[0].structure) for e in models):
         raise BeamdaeError(
             f"{derivative_call()}: {whole.name} changes the structure of the equations after an "
-            "event; "
-            "use differences of runs for this parameter."
+            "event; use differences of runs for this parameter."
         )
-    return whole.between(configuration.equations, models)
+    return Phase(whole, whole.between(configuration.equations, models), neighbors)
 
 
-@dataclass(frozen=True)
-class RedundantConstraints:
-    """Run of equations without their redundant constraints.
+Result = TypeVar("Result")
+
+# Errors of derivatives are larger than those of the motion.
+DERIVATIVE_METHOD = Radau(rtol=1e-5)
+# With the default tolerance of 1e-6, Newton errors of runs led to errors of derivatives of up to
+# 1e-4; with this tolerance, they are limited by rounding errors.
+_NEWTON_TOLERANCE = 1e-10
+# Reason of interrupts after which only the estimate of the error is missing.
+_INTERRUPTED_ESTIMATE = "interrupted while the error of the derivatives was estimated"
+
+
+def require_differentiable_method(
+    integrator: Any, default: GeneralizedAlpha | Radau = DERIVATIVE_METHOD
+) -> GeneralizedAlpha | Radau:
+    """Return the integrator of a run that is differentiated: Radau for Auto.
+
+    Newton errors of generalized-alpha are reduced.
+
+    Raises
+    ------
+    BeamdaeError
+        If runs of the integrator cannot be differentiated.
+    """
+    method = default if integrator is None else integrator
+    if isinstance(method, Auto):
+        return Radau(**{x.name: getattr(method, x.name) for x in fields(method)})
+    if isinstance(method, Radau):
+        return method
+    if not isinstance(method, GeneralizedAlpha):
+        # A sequence of steps of variable order cannot be replayed.
+        name = type(method).__name__ if isinstance(method, Integrator) else short_repr(method)
+        raise BeamdaeError(
+            f"{derivative_call()}: runs of {name} cannot be differentiated; use Radau or "
+            "GeneralizedAlpha."
+        )
+    if method.formulation != "index3":
+        raise BeamdaeError(
+            f"{derivative_call()}: GeneralizedAlpha must have formulation='index3', got "
+            f"{short_repr(method)}."
+        )
+    return replace(method, newton_tolerance=min(method.newton_tolerance, _NEWTON_TOLERANCE))
+
+
+@dataclass(eq=False)
+class DifferentiableRun:
+    """Run of a model, and its derivatives by parameter as soon as they are needed.
 
     Attributes
     ----------
-    reduced
-        Equations with and without the redundant constraints.
+    model, method
+        The model, and the integrator of the run.
+    settings
+        Further arguments of the run, see `simulate`.
     solution
-        The run, with the multipliers of the independent constraints.
+        The run.
+    neighbors
+        Models around the values of parameters, as far as they are known.
     """
 
-    reduced: ReducedEquations
+    model: NumericModel
+    method: GeneralizedAlpha | Radau
+    settings: dict[str, Any]
     solution: Solution
+    neighbors: dict[str, Difference] = field(default_factory=dict, init=False)
+    _along: dict[str, RunDerivative] = field(default_factory=dict, init=False)
 
     @classmethod
-    def of(cls, solution: Solution) -> RedundantConstraints | None:
-        """Return the run without redundant constraints; None if the model has none."""
-        reduced = remove_redundant(solution.equations, solution.trajectory.start)
-        if reduced is None:
-            return None
-        full = StateEvaluator(solution.equations)
+    def of(
+        cls, model: Any, method: GeneralizedAlpha | Radau, start: Any = None, **settings: Any
+    ) -> Self:
+        """Integrate a model.
 
-        def reduce(interval: Interval) -> Interval:
-            rows = interval.rows
-            lam = np.zeros((len(rows.lam), len(reduced.independent)))
-            for k, (time, q) in enumerate(zip(interval.times, rows.q, strict=True)):
-                gradient = full.constraint_matrix(time, q).toarray()
-                force = gradient.T @ rows.lam[k]
-                lam[k] = np.linalg.lstsq(gradient[reduced.independent].T, force, rcond=None)[0]
-            return replace(interval, rows=rows._replace(lam=lam))
-
-        trajectory = Trajectory(tuple(map(reduce, solution.trajectory.intervals)))
-        solution = replace(solution, equations=reduced.equations, trajectory=trajectory)
-        return cls(reduced, solution)
-
-    def reduce(self, difference: Difference) -> Difference:
-        """Return neighboring models without the redundant constraints."""
-        return replace(
-            difference,
-            base=self._keep(difference.base),
-            models=tuple(map(self._keep, difference.models)),
-        )
-
-    def restore(self, along: Trajectory, difference: Difference) -> Trajectory:
-        """Return the derivatives of a run with those of the multipliers of all constraints.
-
-        The reactions of minimum norm are differenced along the derivatives.
+        Raises
+        ------
+        BeamdaeError
+            If the start is a result, or the model has a sampled controller.
         """
+        mechanism = model()
+        start = None if start is None else require_start(derivative_call(), start)
+        # Rejects sampled controllers; the run computes the start, such as an equilibrium.
+        as_equations(derivative_call(), mechanism, AS_DRAWN)
+        settings |= {"start": start, "keep_steps": True}
+        return cls(model, method, settings, simulate(mechanism, method, **settings))
 
-        def restore(interval: Interval, change: Interval) -> Interval:
-            def evaluate(e: EquationsOfMotion, q: Array, lam: Array) -> Array:
-                neighbor = replace(self.reduced, full=e, equations=self._keep(e))
-                return neighbor.restore_reactions(interval.times, q, lam)
+    def repeat(self, model: Any, method: GeneralizedAlpha | Radau) -> Self:
+        """Return the run of another model by another integrator."""
+        return self.of(model, method, **self.settings | {"progress": None, "partial": "raise"})
 
-            (q, _, _, lam), rows = interval.rows, change.rows
-            lam = difference.along(evaluate, (q, rows.q), (lam, rows.lam))
-            return replace(change, rows=rows._replace(lam=lam))
+    def require_end(self) -> None:
+        """Reject a run that did not reach its end."""
+        status = self.solution.status
+        if not status.success:
+            raise BeamdaeError(
+                f"{derivative_call()}: the run of {self.model.name} did not reach its end "
+                f"({status.sentence}); differentiate a shorter run, or change the integrator."
+            )
 
-        pairs = zip(self.solution.trajectory.intervals, along.intervals, strict=True)
-        return Trajectory(tuple(restore(*x) for x in pairs))
+    def differentiate(
+        self, names: Sequence[str]
+    ) -> tuple[dict[str, Difference], dict[str, RunDerivative]]:
+        """Return the models around the values of parameters, and the derivatives of the run."""
+        self.require_end()
+        differences = self.difference(names)
+        missing = {name: x for name, x in differences.items() if name not in self._along}
+        if missing:
+            self._along |= differentiate_states(self.solution, self.method, missing)
+        return differences, {x: self._along[x] for x in names}
 
-    def _keep(self, equations: EquationsOfMotion) -> EquationsOfMotion:
-        return keep_constraints(equations, self.reduced.independent)
+    def difference(self, names: Sequence[str]) -> dict[str, Difference]:
+        """Return the models around the values of parameters."""
+        equations = self.solution.equations
+        if missing := [x for x in names if x not in self.neighbors]:
+            assemble = assemble_neighbors(equations, self.settings["start"])
+            self.neighbors |= difference_models(self.model, missing, equations, assemble)
+        return {x: self.neighbors[x] for x in names}
+
+
+def assess_derivatives(estimate_error: Any, compute: Callable[[], Result]) -> Result:
+    """Return derivatives, and issue warnings of their errors unless these are not estimated.
+
+    Raises
+    ------
+    Interrupted
+        With the derivatives, if only the estimate was interrupted.
+    """
+    call = derivative_call()
+    require_choice(call, "estimate_error", estimate_error, (True, False))
+    with nullcontext() if estimate_error else unchecked():
+        result = compute()
+    if estimate_error:
+        with keep_result(result, call, _INTERRUPTED_ESTIMATE):
+            warn_of_errors(result)
+    return result
+
+
+def warn_of_errors(result: Any) -> None:
+    """Measure the errors of `Sensitivities` or a `Gradient`, unless this takes long, and warn."""
+    if is_unchecked() or warnings_are_ignored():
+        return
+    for sentence in deferred.module("accuracy.runs").check_errors(result, result.solution):
+        warn_user(f"{derivative_call()}: {sentence}")

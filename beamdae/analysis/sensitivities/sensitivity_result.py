@@ -118,10 +118,11 @@ def require_parameters(
             f"{caller}: {argument} must contain each parameter once, got {short_repr(names)}."
         )
 
-    def is_permitted(value: Any) -> bool:
-        return isinstance(value, float) or (allows_lists and _is_list_of_numbers(value))
-
-    available = [k for k, x in model.parameters.items() if is_permitted(x)]
+    available = []
+    for key, value in model.parameters.items():
+        is_list = allows_lists and isinstance(value, (tuple, list)) and len(value) > 0
+        if isinstance(value, float) or (is_list and all(as_real(x) is not None for x in value)):
+            available.append(key)
     kind = "neither a float nor a list of floats" if allows_lists else "not a float"
     for name in names:
         if name not in model.parameters:
@@ -142,11 +143,6 @@ def require_parameters(
                 f"derivative{remedy if is_whole else ''}."
             )
     return names
-
-
-def _is_list_of_numbers(value: Any) -> bool:
-    is_list = isinstance(value, (tuple, list)) and len(value) > 0
-    return is_list and all(as_real(x) is not None for x in value)
 
 
 def select_parameters(

@@ -10,7 +10,7 @@ Operators act on z = (q, v, a, lam, p, t), where p are the numbers of the model.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, partial, reduce
 from operator import add, matmul
@@ -65,24 +65,14 @@ def plan_transpose(structure: Structure, plan: PlanFunction, n_inputs: int) -> S
     return transposed_plan(plan(structure), n_inputs)
 
 
-def _operator(size: int, matmat: Callable[..., Array], rmatmat: Callable[..., Array]) -> Any:
-    """Return a square operator, given its products, and those with its transpose."""
-    shape = size, size
-    return LinearOperator(shape, matmat, rmatmat, matmat, float, rmatmat)
-
-
-def _inverse(factors: Any, size: int) -> LinearOperator:
-    def solve(b: Array, transposition: str = "N") -> Array:
-        return np.column_stack([factors.solve(x, transposition) for x in b.reshape(size, -1).T])
-
-    return _operator(size, solve, partial(solve, transposition="T"))
+def _inverse(matrix: sp.csc_array) -> LinearOperator:
+    solve = splu(matrix).solve
+    transposed = partial(solve, trans="T")
+    return LinearOperator(matrix.shape, solve, transposed, solve, float, transposed)
 
 
 def _diagonal(entries: Array) -> LinearOperator:
-    def scale(b: Array) -> Array:
-        return entries[:, None] * b.reshape(len(entries), -1)
-
-    return _operator(len(entries), scale, scale)
+    return aslinearoperator(sp.dia_array((entries[None], [0]), (len(entries),) * 2))
 
 
 # Building sparse matrices takes longer than applying them.
@@ -237,7 +227,7 @@ class StartDerivatives:
             result = result @ (self._identity + self._into("v") @ change)
             matrix, inertia = closing_matrices(self.solver, time, at.q)
             size = matrix.shape[0]
-            inverse, head = _inverse(splu(matrix), size), _pick(size, 0, e.n)
+            inverse, head = _inverse(matrix), _pick(size, 0, e.n)
             gaps = _pick(size, 0, e.n + e.m).T @ self._rows(levels, 0)
             change = head @ inverse @ gaps
             # The second step; further ones are smaller than rounding errors.
@@ -427,7 +417,7 @@ class StartDerivatives:
         pattern = self.solver.sums.saddle_pattern
         nonzeros = self.solver.saddle_matrix(time, q, v, None, coefficients, lam)
         matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), shape=pattern.shape)
-        return _inverse(splu(matrix), pattern.shape[0])
+        return _inverse(matrix)
 
 
 class Directions(NamedTuple):

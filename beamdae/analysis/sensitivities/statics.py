@@ -12,16 +12,16 @@ import numpy as np
 from beamdae.analysis.continuation.critical import BRANCH, LIMIT
 from beamdae.analysis.continuation.engine import Control, CurveError, prescribe_parameter
 from beamdae.analysis.sensitivities.implicit import (
+    Direction,
     FlutterPoint,
-    ParameterDirection,
     RegularPoint,
     SingularPoint,
 )
-from beamdae.analysis.sensitivities.many_parameters import difference_models
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     NumericModel,
     difference_model,
+    difference_models,
 )
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_columns,
@@ -31,7 +31,11 @@ from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     select_parameters,
 )
-from beamdae.analysis.statics.load_scaling import Loading, active_stage, build_loading
+from beamdae.analysis.statics.load_scaling import (
+    Loading,
+    active_stage,
+    build_loading,
+)
 from beamdae.analysis.statics.path_settings import PrescribedColumn
 from beamdae.analysis.statics.static_equilibrium import equilibrium
 from beamdae.analysis.statics.static_problem import StaticProblem
@@ -59,7 +63,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Array = np.ndarray
-PathPoint = RegularPoint | SingularPoint | FlutterPoint
 
 _NAME = "equilibrium_sensitivities"
 
@@ -200,109 +203,79 @@ class EquilibriumSensitivities(SensitivityResult):
         return result
 
 
-@dataclass(frozen=True)
-class _PathPoints:
-    """Points of a path with the conditions that determine them."""
+def _differentiate_rows(
+    path: Equilibrium,
+    loading: Loading,
+    differences: Mapping[str, Difference],
+    neighbors: Mapping[str, Sequence[Loading]],
+    rows: Sequence[int],
+) -> dict[str, tuple[Array, Array, Array]]:
+    """Return the derivatives of load factors, coordinates and multipliers by parameter.
 
-    path: Equilibrium
-    loading: Loading
-
-    def differentiate(
-        self,
-        differences: Mapping[str, Difference],
-        neighbors: Mapping[str, Sequence[Loading]],
-        rows: Sequence[int],
-    ) -> dict[str, tuple[Array, Array, Array]]:
-        """Return the derivatives of load factors, coordinates and multipliers by parameter.
-
-        `neighbors` are the loadings of the models of `differences`. Derivatives that do not exist,
-        and those in other than the given rows, are NaN.
-        """
-        path, (count, n), m = self.path, self.path.q.shape, len(self.loading.multiplier_rows)
-        multipliers = np.zeros((count, m))
-        singular = {point.row for point in path.critical if point.kind in (LIMIT, BRANCH)}
-        shapes = path.factors.shape, path.q.shape, multipliers.shape
-        rates = {name: [np.full(shape, np.nan) for shape in shapes] for name in differences}
-        for stage, system in enumerate(self.loading.systems):
-            idle = find_idle_forces(system.loaded)
-            problem, control = StaticProblem(system, idle=idle), self._control(path.equations)
-            directions = {
-                name: ParameterDirection(
-                    difference,
-                    problem,
-                    [StaticProblem(x.systems[stage], idle=idle) for x in neighbors[name]],
-                    [self._control(e) for e in difference.models],
-                )
-                for name, difference in differences.items()
-            }
-            for row in rows:
-                if path.free_coordinates[row] or active_stage(path.factors[row]) != stage:
-                    continue
-                try:
-                    point = self._find_point(row, stage, problem, control)
-                    changes = {name: point.derivative(x) for name, x in directions.items()}
-                except CurveError:
-                    if row in singular:
-                        continue  # several modes are critical
-                    raise
-                multipliers[row] = point.point.x[n : n + m]
-                for name, change in changes.items():
+    `loading` contains the conditions that determine the points, `neighbors` those of the models of
+    `differences`. Derivatives that do not exist, and those in other than the given rows, are NaN.
+    """
+    (count, n), m = path.q.shape, len(loading.multiplier_rows)
+    multipliers = np.zeros((count, m))
+    kinds = {point.row: point.kind for point in path.critical}
+    shapes = path.factors.shape, path.q.shape, multipliers.shape
+    rates = {name: [np.full(shape, np.nan) for shape in shapes] for name in differences}
+    control_of = partial(_control, path, time=loading.systems[0].loaded.time)
+    for stage, system in enumerate(loading.systems):
+        idle = find_idle_forces(system.loaded)
+        problem, control = StaticProblem(system, idle=idle), control_of(path.equations)
+        directions = {}
+        for name, difference in differences.items():
+            problems = (StaticProblem(x.systems[stage], idle=idle) for x in neighbors[name])
+            models = list(zip(problems, map(control_of, difference.models), strict=True))
+            directions[name] = Direction(models, difference.stencil, difference.delta, np.zeros(1))
+        for row in rows:
+            if path.free_coordinates[row] or active_stage(path.factors[row]) != stage:
+                continue
+            q, kind = path.q[row], kinds.get(row)
+            mu = float(path.factors[row, stage]) if path.factors.shape[1] else 1.0
+            # The path begins at the load factor zero.
+            is_end = stage == path.factors.shape[1] - 1 and mu != 0.0 and kind is None
+            try:
+                point: RegularPoint | SingularPoint
+                if kind in (LIMIT, BRANCH):
+                    point = SingularPoint.find(problem, q, mu, kind == LIMIT)
+                else:
+                    controlled = control if is_end else prescribe_parameter
+                    x = problem.point_at(q, mu).x
+                    solution = problem.correct(controlled, controlled(x, mu).value, x, mu)
+                    kind_of_point = RegularPoint if kind is None else FlutterPoint
+                    point = kind_of_point(solution, controlled)
+                for name, direction in directions.items():
+                    change = point.derivative(direction)
                     if change is not None:
-                        factors, q, lam = rates[name]
+                        factors, positions, lam = rates[name]
                         factors[row], factors[row, stage : stage + 1] = 0.0, change[-1]
-                        q[row], lam[row] = change[:n], change[n : n + m]
-        return {
-            name: (
-                factors + 0.0,  # no negative zeros in tables
-                q + 0.0,
-                self._restore(differences[name], neighbors[name], q, multipliers, lam) + 0.0,
-            )
-            for name, (factors, q, lam) in rates.items()
-        }
-
-    def _find_point(
-        self, row: int, stage: int, problem: StaticProblem, control: Control
-    ) -> PathPoint:
-        path, q = self.path, self.path.q[row]
-        mu = float(path.factors[row, stage]) if path.factors.shape[1] else 1.0
-        kind = {point.row: point.kind for point in path.critical}.get(row)
-        if kind in (LIMIT, BRANCH):
-            return SingularPoint.find(problem, q, mu, kind == LIMIT)
-        # The path begins at the load factor zero.
-        is_controlled = stage == path.factors.shape[1] - 1 and mu != 0.0 and kind is None
-        control = control if is_controlled else prescribe_parameter
-        x = problem.point_at(q, mu).x
-        point = problem.correct(control, control(x, mu).value, x, mu)
-        return RegularPoint(point, control) if kind is None else FlutterPoint(point, control)
-
-    def _control(self, equations: EquationsOfMotion) -> Control:
-        """Return the quantity that the path prescribes at the end."""
-        to = self.path.settings["to"]
-        if not isinstance(to, Mapping):
-            return prescribe_parameter
-        time = self.loading.systems[0].loaded.time
-        return PrescribedColumn.from_name(equations, next(iter(to)), time)
-
-    def _restore(
-        self,
-        difference: Difference,
-        neighbors: Sequence[Loading],
-        q: Array,
-        multipliers: Array,
-        lam: Array,
-    ) -> Array:
-        """Return the derivatives of all multipliers from those of independent constraints.
-
-        The reactions of redundant constraints are differenced along the derivatives.
-        """
-        path, result = self.path, np.full_like(self.path.lam, np.nan)
-        (rows,) = np.nonzero(np.isfinite(q).all(axis=1))
-        result[rows] = replace(difference, models=neighbors).along(
+                        positions[row], lam[row] = change[:n], change[n : n + m]
+            except CurveError:
+                if kind in (LIMIT, BRANCH):
+                    continue  # several modes are critical
+                raise
+            multipliers[row] = point.point.x[n : n + m]
+    result = {}
+    for name, (factors, q, lam) in rates.items():
+        # The reactions of redundant constraints are differenced along the derivatives.
+        restored, (known,) = np.full_like(path.lam, np.nan), np.nonzero(np.isfinite(q).all(axis=1))
+        restored[known] = replace(differences[name], models=neighbors[name]).along(
             Loading.full_multipliers,
-            (path.q[rows], q[rows]),
-            (multipliers[rows], lam[rows]),
+            (path.q[known], q[known]),
+            (multipliers[known], lam[known]),
         )
-        return result
+        result[name] = factors + 0.0, q + 0.0, restored + 0.0  # no negative zeros in tables
+    return result
+
+
+def _control(path: Equilibrium, equations: EquationsOfMotion, time: Array) -> Control:
+    """Return the quantity that the path prescribes at the end."""
+    to = path.settings["to"]
+    if not isinstance(to, Mapping):
+        return prescribe_parameter
+    return PrescribedColumn.from_name(equations, next(iter(to)), time)
 
 
 @interruptible
@@ -427,16 +400,22 @@ def differentiate_path(
         return build_loading(source, equations, stages, path.t)
 
     with single_threaded:
-        points = _PathPoints(path, load(path.equations))
-        ends = [x for system in points.loading.systems for x in (system.unloaded, system.loaded)]
+        loading = load(path.equations)
+        ends = [x for system in loading.systems for x in (system.unloaded, system.loaded)]
         if not all(np.array_equal(x.equations.p, path.equations.p) for x in ends):
             known = {x: difference_model(model, x, path.equations, assemble) for x in names}
         differences = known or difference_models(model, names, path.equations, assemble)
         neighbors = {name: list(map(load, x.models)) for name, x in differences.items()}
-        for name in names:
-            _require_same_multipliers(name, points.loading, neighbors[name])
+        multipliers = [x.equations.lam_names for x in loading.systems]
+        for name, others in neighbors.items():
+            # Parameters may change which constraints are independent.
+            if any([x.equations.lam_names for x in y.systems] != multipliers for y in others):
+                raise BeamdaeError(
+                    f"{_NAME}: {name} changes the structure of the equations; use differences of "
+                    "results for this parameter."
+                )
         try:
-            derivatives = points.differentiate(differences, neighbors, rows)
+            derivatives = _differentiate_rows(path, loading, differences, neighbors, rows)
         except CurveError as error:
             raise BeamdaeError(
                 f"{_NAME}: an equilibrium of the path of {model.name} has no derivative, because "
@@ -455,13 +434,3 @@ def differentiate_path(
     return EquilibriumSensitivities(
         path, {x: float(model.parameters[x]) for x in names}, factors, q, lam, differences
     )
-
-
-def _require_same_multipliers(name: str, loading: Loading, neighbors: Sequence[Loading]) -> None:
-    """Reject a parameter that changes which constraints are independent."""
-    names = [x.equations.lam_names for x in loading.systems]
-    if any([x.equations.lam_names for x in other.systems] != names for other in neighbors):
-        raise BeamdaeError(
-            f"{_NAME}: {name} changes the structure of the equations; use differences of results "
-            "for this parameter."
-        )
