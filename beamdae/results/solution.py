@@ -510,8 +510,8 @@ class Solution(RunData, TimeSeries, HasPage):
 
 
 def _unpickle(source: bytes, packed: PackedRun) -> Solution:
-    from beamdae.results.storage.packed_run import unpack_solution
+    from beamdae.results.storage.packed_run import unpack_fields
 
     # CasADi expressions cannot be pickled, so the equations are assembled again.
     mechanism, made_by = pickle.loads(source)
-    return unpack_solution(equations_of_motion(mechanism, AS_DRAWN), packed, made_by)
+    return Solution(*unpack_fields(equations_of_motion(mechanism, AS_DRAWN), packed, made_by))

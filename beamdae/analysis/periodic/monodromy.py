@@ -1,8 +1,8 @@
 """Variational equations of a run: propagation of disturbances, and the monodromy matrix.
 
 The residual R(t, y, y') = 0 in the stabilized index-1 form is linearized along the run,
-R_y dy + R_y' dy' = 0, and integrated by Radau IIA of order 5 with the steps of the run. For a run of
-`Radau`, this is the derivative of the discrete solution with respect to its start.
+R_y dy + R_y' dy' = 0, and integrated by Radau IIA of order 5 with the steps of the run. For a run
+of `Radau`, this is the derivative of the discrete solution with respect to its start.
 """
 
 from __future__ import annotations

@@ -25,13 +25,14 @@ for simple eigenvalues (Fox & Kapoor, AIAA J. 6 (1968) 2426, doi:10.2514/3.5008;
 along z follows from the normalization. At a flutter point, an eigenvalue has no real part, or
 coalesces with another one.
 
-F, s and products with the matrices of F and A are differenced along the neighboring models, or
-along a direction of x and mu.
+F_p follows from the numbers of neighboring models and the exact derivatives of F by these numbers.
+s and products with the matrices of F and A are differenced along the neighboring models, or along a
+direction of x and mu.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
@@ -57,6 +58,7 @@ from beamdae.analysis.sensitivities.neighbors import (
     Difference,
     Neighbors,
 )
+from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.analysis.statics.load_scaling import build_loading
 from beamdae.analysis.statics.static_problem import StaticProblem
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
@@ -64,9 +66,13 @@ from beamdae.equations.formulations.compliant_equations import introduce_resulta
 from beamdae.equations.formulations.static_equations import (
     StaticEquations,
     find_idle_forces,
+    plan_static_sums,
 )
+from beamdae.equations.structure import Structure
 from beamdae.linear.factorizations import invert_to_power_of_two
 from beamdae.parts.mechanism import EQUILIBRIUM
+from beamdae.symbolic.sums.kernel_sums import SumPlan, set_time
+from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
 
 Array = np.ndarray
 
@@ -178,9 +184,13 @@ class Direction(Neighbors):
         Pairs of static equations next to a point along it, and of the quantity that is prescribed.
     change
         Derivatives of (x, mu) along the direction, (n + m + 1,) or zero.
+    parts
+        Derivatives of the unloaded and of the loaded equations along a parameter, see
+        `differentiate_equations`.
     """
 
     change: Array
+    parts: Sequence[Callable[[Array], Array]] = ()
 
     @classmethod
     def of_unknowns(cls, point: Point, change: Array) -> Direction:
@@ -201,11 +211,40 @@ class Direction(Neighbors):
 
     def residual(self, point: Point) -> Array:
         """Return the derivatives of F and of the prescribed quantity at constant x and mu."""
-        x, mu = point.x, point.p
-        return self.combine(
-            np.append(problem.residual(x, mu)[0], control(x, mu).value)
-            for problem, control in self.models
-        )
+        unloaded, loaded = (part(point.x) for part in self.parts)
+        rate = self.combine(control(point.x, point.p).value for _, control in self.models)
+        return np.append(unloaded + point.p * (loaded - unloaded), rate)
+
+
+def differentiate_equations(
+    difference: Difference, here: StaticEquations, neighbors: Sequence[EquationsOfMotion]
+) -> Callable[[Array], Array]:
+    """Return the derivative of static equations along a parameter, as a function of (q, lam).
+
+    It is exact: differences of small deformations would contain rounding errors that observed axial
+    and shear forces enlarge.
+    """
+    part = difference.between(here.equations, neighbors)
+    base = part.base
+    n, size, dp = base.n, 2 * base.n + base.m, part.along(lambda e: e.p)
+    total = SumEvaluator(StartDerivatives.of(part).plan_along(_plan_residual, size), base.p)
+    set_time(total, *here.time)
+
+    def differentiate(x: Array) -> Array:
+        inputs = np.concatenate([x[:n], np.zeros(n), x[n:], np.zeros(size), dp])
+        with np.errstate(invalid="ignore"):
+            change = total(inputs, n + base.m)
+        if np.all(np.isfinite(change)):
+            return change
+        # The root of a stiffness has no derivative at zero.
+        residuals = (StaticEquations(e, here.time).residual(x[:n], x[n:]) for e in neighbors)
+        return np.where(np.isfinite(change), change, difference.combine(residuals))
+
+    return differentiate
+
+
+def _plan_residual(structure: Structure) -> SumPlan:
+    return plan_static_sums(structure).residual
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,15 +307,11 @@ def find_unique_equilibrium(equations: EquationsOfMotion) -> RegularPoint | None
 
 def differentiate_equilibrium(equilibrium: RegularPoint, difference: Difference) -> Array:
     """Return the derivatives of the positions of a `find_unique_equilibrium` along a parameter."""
-    point, problem = equilibrium.point, equilibrium.point.problem
+    problem = equilibrium.point.problem
     assert isinstance(problem, StaticProblem)
-    q, lam = np.split(point.x, [problem.n])
-
-    def residual(e: EquationsOfMotion) -> Array:
-        mixed = introduce_resultants(e, problem.idle).equations
-        return StaticEquations(mixed, problem.mixed.last.time).residual(q, lam)
-
-    return equilibrium.respond(np.append(difference.along(residual), 0.0))[: problem.n]
+    models = [introduce_resultants(e, problem.idle).equations for e in difference.models]
+    forces = differentiate_equations(difference, problem.mixed.last, models)(equilibrium.point.x)
+    return equilibrium.respond(np.append(forces, 0.0))[: problem.n]
 
 
 class SingularPoint:

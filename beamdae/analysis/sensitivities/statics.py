@@ -16,6 +16,7 @@ from beamdae.analysis.sensitivities.implicit import (
     FlutterPoint,
     RegularPoint,
     SingularPoint,
+    differentiate_equations,
 )
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
@@ -226,9 +227,18 @@ def _differentiate_rows(
         problem, control = StaticProblem(system, idle=idle), control_of(path.equations)
         directions = {}
         for name, difference in differences.items():
-            problems = (StaticProblem(x.systems[stage], idle=idle) for x in neighbors[name])
+            problems = [StaticProblem(x.systems[stage], idle=idle) for x in neighbors[name]]
             models = list(zip(problems, map(control_of, difference.models), strict=True))
-            directions[name] = Direction(models, difference.stencil, difference.delta, np.zeros(1))
+            parts = [
+                differentiate_equations(
+                    difference,
+                    getattr(problem.mixed, part),
+                    [getattr(x.mixed, part).equations for x in problems],
+                )
+                for part in ("first", "last")
+            ]
+            at = difference.stencil, difference.delta
+            directions[name] = Direction(models, *at, np.zeros(1), parts)
         for row in rows:
             if path.free_coordinates[row] or active_stage(path.factors[row]) != stage:
                 continue

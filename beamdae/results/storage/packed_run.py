@@ -12,7 +12,7 @@ from beamdae.equations.equations_of_motion import EquationsOfMotion, Start, Stat
 from beamdae.parts.joints.event_constraints import FrozenGap
 from beamdae.results.column_derivatives import ColumnDerivatives
 from beamdae.results.outcome import EventRecord, Statistics, Status
-from beamdae.results.solution import Solution
+from beamdae.results.run_data import RunData
 from beamdae.results.storage.documents import ContentError, as_plain
 from beamdae.results.trajectory import Interval, StepRecord, Trajectory
 
@@ -57,7 +57,7 @@ class PackedRun:
     derivatives: ColumnDerivatives | None
 
 
-def pack_run(run: Solution) -> PackedRun:
+def pack_run(run: RunData) -> PackedRun:
     """Pack all data of a run except its equations and its integrator."""
     e, derivatives = run.equations, run.derivatives
     return PackedRun(
@@ -86,10 +86,10 @@ def _pack_interval(x: Interval) -> _Interval:
     return _Interval(x.nodes, x.rows, float(x.branch), x.nodes_per_step, configuration, x.record)
 
 
-def unpack_solution(
+def unpack_fields(
     equations: EquationsOfMotion, packed: PackedRun, made_by: Any = None
-) -> Solution:
-    """Reconstruct a solution from the output of `pack_run`.
+) -> tuple[Any, ...]:
+    """Return the fields of a `Solution` from the output of `pack_run`.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def unpack_solution(
         )
         for x in packed.intervals
     )
-    return Solution(
+    return (
         replace(equations, q0=packed.q0, v0=packed.v0, start=packed.start),
         Trajectory(tuple(intervals)),
         packed.t,

@@ -19,7 +19,7 @@ from beamdae.results.solution import Solution
 from beamdae.results.storage.checkpoint import SAVED_RUN, SAVED_RUN_VERSION, Checkpoint
 from beamdae.results.storage.documents import Format, as_plain
 from beamdae.results.storage.files import atomic_write, require_file_path
-from beamdae.results.storage.packed_run import PackedRun, pack_run, unpack_solution
+from beamdae.results.storage.packed_run import PackedRun, pack_run, unpack_fields
 from beamdae.results.time_series import TimeSeries
 
 if TYPE_CHECKING:
@@ -203,4 +203,4 @@ def load_saved_run(path: Any, equations: EquationsOfMotion | None) -> SavedRun |
                 f"{file}: the file contains a run of a model with other parts or values; "
                 "pass the model of this run, or omit the model to load only the tables."
             )
-        return unpack_solution(equations, run)
+        return Solution(*unpack_fields(equations, run))
