@@ -489,13 +489,13 @@ def test_regression_the_first_run_of_a_fit_has_no_partial_result():
 @pytest.mark.parametrize("call", ["sensitivities", "gradient"])
 def test_regression_derivatives_of_interrupted_calls_list_warnings(call, monkeypatch):
     """The run with its derivatives was lost, or its warnings."""
-    from beamdae.analysis.sensitivities import run_chain
+    from beamdae.analysis.sensitivities import differentiable_run
 
     def interrupt(*_):
         warn_user("coarse: a message")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(run_chain, "warn_of_errors", interrupt)
+    monkeypatch.setattr(differentiable_run, "warn_of_errors", interrupt)
     spring, _ = model()
     objective = [bd.quantities.EndValue("mass.x")] * (call == "gradient")
     with (

@@ -9,7 +9,7 @@ from mechanisms import clamped_beam, free_ball, mass_on_rail, rectangle
 from numpy.testing import assert_allclose
 
 import beamdae as bd
-from beamdae.analysis.sensitivities import run_chain as implementation
+from beamdae.analysis.sensitivities import differentiable_run as implementation
 from beamdae.report.pictures.figures import characteristic_columns
 from beamdae.report.run_pages import build_run_page
 from beamdae.results.columns import Header

@@ -26,8 +26,8 @@ from beamdae.analysis.parameter_bounds import (
     draw_starts,
     read_bounds,
 )
+from beamdae.analysis.sensitivities.differentiable_run import DERIVATIVE_METHOD
 from beamdae.analysis.sensitivities.observable_derivatives import differentiate_column
-from beamdae.analysis.sensitivities.run_chain import DERIVATIVE_METHOD
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities, differentiate_run
 from beamdae.analysis.sensitivities.sensitivity_result import (
     complete_parameters,

@@ -16,6 +16,11 @@ from beamdae.analysis.gradients.objectives import (
     Quantity,
     SampleGrid,
 )
+from beamdae.analysis.sensitivities.differentiable_run import (
+    DifferentiableRun,
+    assess_derivatives,
+    require_differentiable_method,
+)
 from beamdae.analysis.sensitivities.linear_steps import Matrices, transpose_steps
 from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call, is_regular
 from beamdae.analysis.sensitivities.observable_derivatives import (
@@ -27,15 +32,11 @@ from beamdae.analysis.sensitivities.observable_derivatives import (
     read_column,
     split_points,
 )
+from beamdae.analysis.sensitivities.restart_times import differentiate_event_time, find_stop
 from beamdae.analysis.sensitivities.run_chain import (
     COPIES_OF_ROWS,
-    DifferentiableRun,
-    assess_derivatives,
-    differentiate_event_time,
     differentiate_starts,
-    find_stop,
     node_state,
-    require_differentiable_method,
 )
 from beamdae.analysis.sensitivities.start_derivatives import StartDerivatives
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State

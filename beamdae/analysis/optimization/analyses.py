@@ -34,6 +34,7 @@ from beamdae.analysis.optimization.quantities import (
     Mass,
     ParameterFunction,
 )
+from beamdae.analysis.sensitivities.differentiable_run import require_differentiable_method
 from beamdae.analysis.sensitivities.modes import differentiate_modes
 from beamdae.analysis.sensitivities.neighbors import (
     STENCILS,
@@ -43,7 +44,6 @@ from beamdae.analysis.sensitivities.neighbors import (
     first_difference,
 )
 from beamdae.analysis.sensitivities.observable_derivatives import read_column
-from beamdae.analysis.sensitivities.run_chain import require_differentiable_method
 from beamdae.analysis.sensitivities.statics import differentiate_path
 from beamdae.analysis.statics.static_equilibrium import equilibrium
 from beamdae.equations.equations_of_motion import EquationsOfMotion

@@ -14,14 +14,12 @@ doi:10.1016/S0168-9274(98)00125-1.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import replace
 from itertools import pairwise
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdae import deferred
 from beamdae.analysis.sensitivities.implicit import (
     differentiate_equilibrium,
     find_unique_equilibrium,
@@ -29,15 +27,15 @@ from beamdae.analysis.sensitivities.implicit import (
 from beamdae.analysis.sensitivities.linear_steps import Matrices, differentiate_steps
 from beamdae.analysis.sensitivities.neighbors import (
     Difference,
-    NumericModel,
     derivative_call,
-    difference_models,
 )
-from beamdae.analysis.sensitivities.observable_derivatives import (
-    differentiate_columns,
-    group_times,
-    join_points,
-    time_derivative,
+from beamdae.analysis.sensitivities.restart_times import (
+    breakpoint_derivatives,
+    differentiate_event_time,
+    event_number,
+    find_event,
+    require_inner_breakpoints,
+    time_rounding,
 )
 from beamdae.analysis.sensitivities.start_derivatives import (
     group_directions,
@@ -47,187 +45,26 @@ from beamdae.equations.equations_of_motion import (
     EquationsOfMotion,
     State,
 )
-from beamdae.equations.smooth_intervals import SAME_TIME, time_on_branch
+from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
 from beamdae.equations.starts.reduced_equations import keep_constraints
 from beamdae.equations.starts.state_evaluator import StateEvaluator
 from beamdae.equations.structure import has_same_patterns
 from beamdae.errors import (
     BeamdaeError,
-    require_choice,
-    short_repr,
-    warn_user,
-    warnings_are_ignored,
 )
-from beamdae.integrators import Auto, GeneralizedAlpha, Integrator, Radau
+from beamdae.integrators import GeneralizedAlpha, Radau
 from beamdae.integrators.events.switching import apply_impact
 from beamdae.integrators.reaction_balance import bound_reactions, remove_redundant
-from beamdae.interrupts import keep_result
 from beamdae.linear.blas_threads import single_threaded
 from beamdae.memory import require_memory
 from beamdae.parts.events import select_impacts
-from beamdae.parts.mechanism import AS_DRAWN, require_start
-from beamdae.results.outcome import EventRecord
+from beamdae.parts.mechanism import AS_DRAWN
 from beamdae.results.solution import Solution
 from beamdae.results.trajectory import Interval, Trajectory
-from beamdae.simulation import as_equations, is_unchecked, simulate, unchecked
+from beamdae.simulation import as_equations
 
 Array = np.ndarray
-
-# Slowest rate of an event quantity at an event, relative to the range of the quantity and to the
-# duration of the interval before it. A parabola that passes its threshold with a slower rate
-# exceeds it by less than 1e-8 of its range, which runs do not resolve.
-_MIN_EVENT_RATE = 1e-4
-
-
-def time_rounding(trajectory: Trajectory) -> float:
-    """Return the difference up to which times of a run are the same [s]."""
-    return SAME_TIME * max(abs(trajectory.start), abs(trajectory.end))
-
-
-def event_number(equations: EquationsOfMotion, name: str) -> int:
-    """Return the index of an event."""
-    return next(k for k, x in enumerate(equations.events) if x.name == name)
-
-
-def find_event(solution: Solution, t: float) -> EventRecord | None:
-    """Return the record of the event that acts at `t` [s], or None.
-
-    Raises
-    ------
-    BeamdaeError
-        If the derivative does not exist, because several events act, or the event is at the end of
-        the run or at a breakpoint.
-    """
-    records = _records_at(solution, t, stops=False)
-    if not records:
-        return None
-    rounding, times = time_rounding(solution.trajectory), solution.equations.breakpoints
-    for at, place in (
-        (solution.trajectory.end, "the end of the run"),
-        *((x, "a breakpoint of a law") for x in times),
-    ):
-        if abs(t - at) <= rounding:
-            raise BeamdaeError(
-                f"{derivative_call()}: event {records[0].name} acts at {place}, t = {t:g} s, where "
-                "the derivatives do not exist; separate the two times."
-            )
-    return records[0]
-
-
-def find_stop(solution: Solution) -> int | None:
-    """Return the index of the event that stopped a run, None if it reached its end time.
-
-    Raises
-    ------
-    BeamdaeError
-        If several events stop the run at the same time.
-    """
-    records = _records_at(solution, solution.trajectory.end, stops=True)
-    return event_number(solution.equations, records[0].name) if records else None
-
-
-def _records_at(solution: Solution, t: float, *, stops: bool) -> list[EventRecord]:
-    """Return the record of the event that acts at `t` [s], or stops the run, if there is one."""
-    equations, rounding = solution.equations, time_rounding(solution.trajectory)
-
-    def is_sought(name: str) -> bool:
-        action = equations.events[event_number(equations, name)].do
-        return action == "stop" if stops else not isinstance(action, str)
-
-    records = [x for x in solution.event_records if abs(x.t - t) <= rounding and is_sought(x.name)]
-    # Impacts that close each other's gaps occur several times.
-    names = list(dict.fromkeys(x.name for x in records))
-    if len(records if not stops else names) > 1:
-        raise BeamdaeError(
-            f"{derivative_call()}: events {' and '.join(names)} act at the same time, t = {t:g} s, "
-            "where the derivatives do not exist; separate the two times."
-        )
-    return records
-
-
-def require_inner_breakpoints(difference: Difference, trajectory: Trajectory) -> None:
-    """Reject a parameter that moves a breakpoint across the start or the end of the run."""
-    rounding = time_rounding(trajectory)
-    for b, dt in breakpoint_derivatives(difference):
-        if dt and min(abs(b - trajectory.start), abs(b - trajectory.end)) <= rounding:
-            raise BeamdaeError(
-                f"{derivative_call()}: {difference.name} moves the breakpoint of a law at t = "
-                f"{b:g} s across the start or the end of the run, where the derivatives do "
-                "not exist; choose another value, or another t_end."
-            )
-
-
-def differentiate_event_time(
-    equations: EquationsOfMotion,
-    number: int,
-    interval: Interval,
-    t: float,
-    along: Mapping[str, Interval],
-    differences: Mapping[str, Difference],
-) -> dict[str, float]:
-    """Return the derivatives of the time of an event [s] by parameter.
-
-    Parameters
-    ----------
-    equations, number
-        Equations of all parts, and index of the event in them.
-    interval, t
-        Interval of the run that contains the event, and the time of the event [s].
-    along
-        Derivatives of the states of the interval, by parameter.
-    differences
-        Models at neighboring values, by parameter.
-
-    Raises
-    ------
-    BeamdaeError
-        If the event quantity hardly changes at the event.
-    """
-    term, here = equations.events[number], np.array([t])
-    # Elastic forces follow from the states at several nodes, with weights, others from that at t.
-    is_elastic = term.observable.is_elastic
-    ((inactive, points),) = group_times(Trajectory((interval,)), here, is_elastic)
-    times, at = join_points(points, Trajectory((interval,)))
-    active = equations.without_loads_of(inactive)
-    values = term.evaluate_difference(
-        active.p, interval.times, interval.rows.q, interval.rows.v, interval.rows.lam
-    )
-    duration = max(float(interval.nodes[-1] - interval.nodes[0]), np.finfo(float).tiny)
-    if is_elastic:
-        rate = float(interval.force_rates_at(values, here)[0])
-    else:
-        lam_rates = interval.derivative_at(here).lam
-        rate = float(time_derivative(term.observable, active, times, at, lam_rates)[0, term.column])
-    if not abs(rate) > _MIN_EVENT_RATE * float(np.ptp(values)) / duration:
-        raise BeamdaeError(
-            f"{derivative_call()}: the quantity of event {term.name} only touches its value at t = "
-            f"{t:g} s, where the derivatives do not exist; choose other values of the parameters."
-        )
-    changes = differentiate_columns(
-        lambda e: e.events[number].observable,
-        times,
-        at,
-        {name: join_points(points, Trajectory((x,)))[1] for name, x in along.items()},
-        differences,
-        inactive,
-    )
-    weights = points[0].weights
-    return {
-        name: (
-            differences[name].along(lambda e: e.events[number].crosses)
-            - float((change if weights is None else weights @ change)[0, term.column])
-        )
-        / rate
-        + 0.0  # not -0.0
-        for name, change in changes.items()
-    }
-
-
-def breakpoint_derivatives(difference: Difference) -> list[tuple[float, float]]:
-    """Return pairs of a breakpoint [s] and its derivative."""
-    derivatives = difference.along(lambda e: np.array(e.breakpoints))
-    return list(zip(difference.base.breakpoints, derivatives.tolist(), strict=True))
 
 
 def differentiate_starts(
@@ -600,146 +437,3 @@ def _activate(
             "event; use differences of runs for this parameter."
         )
     return Phase(whole, whole.between(configuration.equations, models), neighbors)
-
-
-Result = TypeVar("Result")
-
-# Errors of derivatives are larger than those of the motion.
-DERIVATIVE_METHOD = Radau(rtol=1e-5)
-# With the default tolerance of 1e-6, Newton errors of runs led to errors of derivatives of up to
-# 1e-4; with this tolerance, they are limited by rounding errors.
-_NEWTON_TOLERANCE = 1e-10
-# Reason of interrupts after which only the estimate of the error is missing.
-_INTERRUPTED_ESTIMATE = "interrupted while the error of the derivatives was estimated"
-
-
-def require_differentiable_method(
-    integrator: Any, default: GeneralizedAlpha | Radau = DERIVATIVE_METHOD
-) -> GeneralizedAlpha | Radau:
-    """Return the integrator of a run that is differentiated: Radau for Auto.
-
-    Newton errors of generalized-alpha are reduced.
-
-    Raises
-    ------
-    BeamdaeError
-        If runs of the integrator cannot be differentiated.
-    """
-    method = default if integrator is None else integrator
-    if isinstance(method, Auto):
-        return Radau(**{x.name: getattr(method, x.name) for x in fields(method)})
-    if isinstance(method, Radau):
-        return method
-    if not isinstance(method, GeneralizedAlpha):
-        # A sequence of steps of variable order cannot be replayed.
-        name = type(method).__name__ if isinstance(method, Integrator) else short_repr(method)
-        raise BeamdaeError(
-            f"{derivative_call()}: runs of {name} cannot be differentiated; use Radau or "
-            "GeneralizedAlpha."
-        )
-    if method.formulation != "index3":
-        raise BeamdaeError(
-            f"{derivative_call()}: GeneralizedAlpha must have formulation='index3', got "
-            f"{short_repr(method)}."
-        )
-    return replace(method, newton_tolerance=min(method.newton_tolerance, _NEWTON_TOLERANCE))
-
-
-@dataclass(eq=False)
-class DifferentiableRun:
-    """Run of a model, and its derivatives by parameter as soon as they are needed.
-
-    Attributes
-    ----------
-    model, method
-        The model, and the integrator of the run.
-    settings
-        Further arguments of the run, see `simulate`.
-    solution
-        The run.
-    neighbors
-        Models around the values of parameters, as far as they are known.
-    """
-
-    model: NumericModel
-    method: GeneralizedAlpha | Radau
-    settings: dict[str, Any]
-    solution: Solution
-    neighbors: dict[str, Difference] = field(default_factory=dict, init=False)
-    _along: dict[str, RunDerivative] = field(default_factory=dict, init=False)
-
-    @classmethod
-    def of(
-        cls, model: Any, method: GeneralizedAlpha | Radau, start: Any = None, **settings: Any
-    ) -> Self:
-        """Integrate a model.
-
-        Raises
-        ------
-        BeamdaeError
-            If the start is a result, or the model has a sampled controller.
-        """
-        mechanism = model()
-        start = None if start is None else require_start(derivative_call(), start)
-        # Rejects sampled controllers; the run computes the start, such as an equilibrium.
-        as_equations(derivative_call(), mechanism, AS_DRAWN)
-        settings |= {"start": start, "keep_steps": True}
-        return cls(model, method, settings, simulate(mechanism, method, **settings))
-
-    def repeat(self, model: Any, method: GeneralizedAlpha | Radau) -> Self:
-        """Return the run of another model by another integrator."""
-        return self.of(model, method, **self.settings | {"progress": None, "partial": "raise"})
-
-    def require_end(self) -> None:
-        """Reject a run that did not reach its end."""
-        status = self.solution.status
-        if not status.success:
-            raise BeamdaeError(
-                f"{derivative_call()}: the run of {self.model.name} did not reach its end "
-                f"({status.sentence}); differentiate a shorter run, or change the integrator."
-            )
-
-    def differentiate(
-        self, names: Sequence[str]
-    ) -> tuple[dict[str, Difference], dict[str, RunDerivative]]:
-        """Return the models around the values of parameters, and the derivatives of the run."""
-        self.require_end()
-        differences = self.difference(names)
-        missing = {name: x for name, x in differences.items() if name not in self._along}
-        if missing:
-            self._along |= differentiate_states(self.solution, self.method, missing)
-        return differences, {x: self._along[x] for x in names}
-
-    def difference(self, names: Sequence[str]) -> dict[str, Difference]:
-        """Return the models around the values of parameters."""
-        equations = self.solution.equations
-        if missing := [x for x in names if x not in self.neighbors]:
-            assemble = assemble_neighbors(equations, self.settings["start"])
-            self.neighbors |= difference_models(self.model, missing, equations, assemble)
-        return {x: self.neighbors[x] for x in names}
-
-
-def assess_derivatives(estimate_error: Any, compute: Callable[[], Result]) -> Result:
-    """Return derivatives, and issue warnings of their errors unless these are not estimated.
-
-    Raises
-    ------
-    Interrupted
-        With the derivatives, if only the estimate was interrupted.
-    """
-    call = derivative_call()
-    require_choice(call, "estimate_error", estimate_error, (True, False))
-    with nullcontext() if estimate_error else unchecked():
-        result = compute()
-    if estimate_error:
-        with keep_result(result, call, _INTERRUPTED_ESTIMATE):
-            warn_of_errors(result)
-    return result
-
-
-def warn_of_errors(result: Any) -> None:
-    """Measure the errors of `Sensitivities` or a `Gradient`, unless this takes long, and warn."""
-    if is_unchecked() or warnings_are_ignored():
-        return
-    for sentence in deferred.module("accuracy.runs").check_errors(result, result.solution):
-        warn_user(f"{derivative_call()}: {sentence}")

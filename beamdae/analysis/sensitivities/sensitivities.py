@@ -10,16 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beamdae import deferred
-from beamdae.analysis.sensitivities.neighbors import Difference
-from beamdae.analysis.sensitivities.observable_derivatives import differentiate_run_columns
-from beamdae.analysis.sensitivities.run_chain import (
+from beamdae.analysis.sensitivities.differentiable_run import (
     DifferentiableRun,
     assess_derivatives,
-    differentiate_event_time,
-    event_number,
     require_differentiable_method,
     warn_of_errors,
 )
+from beamdae.analysis.sensitivities.neighbors import Difference
+from beamdae.analysis.sensitivities.observable_derivatives import differentiate_run_columns
+from beamdae.analysis.sensitivities.restart_times import differentiate_event_time, event_number
 from beamdae.analysis.sensitivities.sensitivity_result import (
     SensitivityResult,
     require_parameters,
