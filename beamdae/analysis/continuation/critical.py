@@ -40,9 +40,9 @@ _WIDE = 100.0
 # Points of narrower parts of a segment are found together, and pairs of points that cancel are not
 # sought in them.
 _CLUSTER_WIDTH = 1e-2
-# Share of a segment at which it is divided: critical points at round shares, such as those of a
-# load step, are no samples, at which the tangent would be singular.
-_SPLIT = 0.4656
+# Share of a segment at which it is divided, the golden section: critical points at round shares,
+# such as those of a load step, are no samples, at which the tangent would be singular.
+_SPLIT = 0.381966
 # Positions between two points at which interpolated quantities are examined.
 _SHARES = np.linspace(0.0, 1.0, 101)
 # Largest distance between curves that cross, relative to the sizes of mode and parameter: others
