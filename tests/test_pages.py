@@ -275,3 +275,13 @@ def test_pages_with_cells_have_a_notebook_header():
     for page in [*TUTORIALS.glob("*.md"), *PAGES]:
         text = page.read_text()
         assert ("{code-cell}" in text) == text.startswith("---\njupytext:"), page.name
+
+
+def test_files_that_pages_name_exist():
+    """Pages named files that had been joined with others."""
+    folders = (".build", ".docs", "beamdae", "models", "tests", "validation")
+    files = [x.as_posix() for name in folders for x in (ROOT / name).rglob("*.*")]
+    for page in (*(ROOT / ".docs").rglob("*.md"), ROOT / "README.md"):
+        names = re.findall(r"`([\w./-]+/[\w.-]+\.(?:py|c|h|js))`", page.read_text())
+        missing = [x for x in names if not any(file.endswith(f"/{x}") for file in files)]
+        assert not missing, page.name
