@@ -23,6 +23,7 @@ from beamdae.errors import (
 Array = np.ndarray
 
 _MAX_TURN_PER_INTERVAL = 0.5  # [rad]; the splines cannot resolve sharper bends
+_MAX_ANGLE_CHANGE = 1e-5  # [rad], of tangents by half as many intervals
 _MAX_INTERVALS = 64 * ARC_LENGTH_INTERVALS  # of the splines
 
 
@@ -45,8 +46,8 @@ class IntrinsicCurve(HasEnd):
     Raises
     ------
     BeamdaeError
-        If an argument is invalid, if the law fails or does not return a finite number, or if the
-        tangent turns by 0.5 rad or more within 1/25600 of the length.
+        If an argument is invalid, if the law fails, does not return a finite number or jumps, or if
+        the tangent turns by 0.5 rad or more within 1/25600 of the length.
 
     Examples
     --------
@@ -85,26 +86,37 @@ class IntrinsicCurve(HasEnd):
     def _splines(self) -> tuple[Array, Any, Any]:
         """Arc lengths, and splines of the curvature and of its integral, the turn of the tangent.
 
-        There are so many arc lengths that the tangent turns little between them.
+        There are so many arc lengths that the tangent turns little between them, and that half as
+        many lead to the same tangents.
         """
         # Imported here because the import takes as long as a short run, and few models need it.
         from scipy.interpolate import make_interp_spline
 
-        count, turn = ARC_LENGTH_INTERVALS // 2, np.inf
-        while not turn < _MAX_TURN_PER_INTERVAL:
-            if count >= _MAX_INTERVALS:
-                raise BeamdaeError(
-                    f"IntrinsicCurve: law turns the tangent by {turn:.3g} rad within 1/{count} of "
-                    f"the length, but must turn it by less than {_MAX_TURN_PER_INTERVAL:g} rad; "
-                    "reduce the curvature or the length."
-                )
-            count *= 2
+        count, before = ARC_LENGTH_INTERVALS // 2, None
+        while True:
             grid = np.linspace(0.0, self.length, count + 1)
             values = np.array([self._curvature_at(s) for s in grid.tolist()])
             curvature = make_interp_spline(grid, values, k=5)
             integral = curvature.antiderivative()
-            turn = float(np.max(np.abs(np.diff(integral(grid)))))
-        return grid, curvature, integral
+            angles = integral(grid)
+            turn = float(np.max(np.abs(np.diff(angles))))
+            changes = np.full(2, np.inf) if before is None else angles[::2] - before
+            if turn < _MAX_TURN_PER_INTERVAL and np.max(np.abs(changes)) < _MAX_ANGLE_CHANGE:
+                return grid, curvature, integral
+            if count >= _MAX_INTERVALS:
+                break
+            count, before = 2 * count, angles
+        if turn >= _MAX_TURN_PER_INTERVAL:
+            raise BeamdaeError(
+                f"IntrinsicCurve: law turns the tangent by {turn:.3g} rad within 1/{count} of "
+                f"the length, but must turn it by less than {_MAX_TURN_PER_INTERVAL:g} rad; "
+                "reduce the curvature or the length."
+            )
+        place = 2.0 * float(np.argmax(np.abs(np.diff(changes)))) / count * self.length
+        raise BeamdaeError(
+            f"IntrinsicCurve: law must be smooth, but it bends sharply or jumps near s = {place:.4g} m; "
+            "divide the beam there, and weld its parts."
+        )
 
     @cached_property
     def _grid_points(self) -> Array:
