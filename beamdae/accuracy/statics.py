@@ -52,7 +52,11 @@ from beamdae.parts.signals import Sensor
 from beamdae.results.columns import Header, is_position, largest_by
 from beamdae.results.equilibrium import FACTOR as LOAD_FACTOR
 from beamdae.results.equilibrium import UNSTABLE, Equilibrium
-from beamdae.results.noise import mark_resting_columns, rounding_limits
+from beamdae.results.noise import (
+    mark_resting_columns,
+    mark_vanishing_columns,
+    rounding_limits,
+)
 from beamdae.results.outcome import REACHED_END
 from beamdae.results.section_forces.section_forces import SectionForces
 from beamdae.symbolic.statements import Quantity
@@ -109,7 +113,13 @@ def measure_equilibrium(path: Equilibrium) -> Errors:
         return _Repetition(places, companion, is_traced)
 
     at_rows = [(x, place, path.columns[x][row]) for x, place, row in extremes]
-    return _measure(path.equations, headers, _place(headers, values, at_rows), repeat, scales)
+    errors = _measure(path.equations, headers, _place(headers, values, at_rows), repeat, scales)
+    of_columns = [x for x in headers if x in path.columns]
+    half = np.nan_to_num(0.5 * np.array([scales[x] for x in of_columns]), posinf=0.0)
+    changes = 2.0 * half * errors.select(of_columns).total / FACTOR
+    vanishes = mark_vanishing_columns(of_columns, half, changes, path.equations.length)
+    is_noise = np.isin(headers, np.array(of_columns)[vanishes])
+    return replace(errors, total=np.where(is_noise, 0.0, errors.total))
 
 
 def _place(

@@ -114,8 +114,8 @@ class IntrinsicCurve(HasEnd):
             )
         place = 2.0 * float(np.argmax(np.abs(np.diff(changes)))) / count * self.length
         raise BeamdaeError(
-            f"IntrinsicCurve: law must be smooth, but it bends sharply or jumps near s = {place:.4g} m; "
-            "divide the beam there, and weld its parts."
+            "IntrinsicCurve: law must be smooth, but it bends sharply or jumps near s = "
+            f"{place:.4g} m; divide the beam there, and weld its parts."
         )
 
     @cached_property

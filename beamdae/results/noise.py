@@ -105,6 +105,18 @@ def mark_noise(
     return np.asarray(is_noise | (is_doubtful & (sizes <= limits)))
 
 
+def mark_vanishing_columns(
+    headers: Sequence[str], half_range: Array, differences: Array, length: float
+) -> Array:
+    """Return the mask of the columns that differ by errors only, far below others of their kind.
+
+    `differences` are the largest ones of two computations of each column, (columns,), and `length`
+    is that of the mechanism [m].
+    """
+    limits = _VANISHING_TO_OTHERS_RATIO * largest_of_kind(headers, half_range, length)
+    return np.asarray((half_range <= limits) & (differences > _MIN_NOISE_SHARE * half_range))
+
+
 def mark_resting_columns(
     headers: Sequence[str],
     rows: Array,

@@ -116,12 +116,15 @@ def suggest_sensors(problem: FitProblem, scaling: Scaling, search: SearchResult)
     """Return the beginning of a remedy: sensors with which a fit explains the residuals, or "".
 
     One fit has unknown scales and offsets of all columns, one unknown delays and, if these explain
-    nothing, one unknown clocks. Those that differ from a perfect sensor are named.
+    nothing, one unknown clocks, and one all but clocks. Those that differ from a perfect sensor are
+    named.
     """
     is_known, least, best = problem.data.is_sigma_known, 1.0 - _MIN_EXPLAINED_SHARE, None
-    for kinds, begin in (((SCALE, OFFSET), 0.0), ((SHIFT,), _MAX_DELAY), ((CLOCK,), 0.0)):
-        if best is not None and CLOCK in kinds:
-            break  # Other parameters, such as a stiffness, have similar effects as clocks.
+    constant, late = (SCALE, OFFSET), (SHIFT,)
+    for kinds in (constant, late, (CLOCK,), constant + late):
+        if best is not None and kinds not in (constant, late):
+            break  # Clocks and many properties may have effects of other causes.
+        begin = _MAX_DELAY * (SHIFT in kinds)
         part, rows = problem.within(begin, 1.0)
         left = float(np.sum(search.evaluation.residuals[rows] ** 2))
         noise = min(float(is_known) * np.sum(rows), left)
@@ -154,9 +157,11 @@ def suggest_sensors(problem: FitProblem, scaling: Scaling, search: SearchResult)
     for x in found:
         columns.setdefault(x.kind, []).append(remove_unit(x.name.removeprefix(f"{x.kind} of ")))
     arguments = " and ".join(f"{x}={y}" for x, y in columns.items())
+    # With two digits of the deviation from a perfect sensor.
+    rounded = [x.perfect + float(f"{values[x.name] - x.perfect:.2g}") for x in found]
     ends = [
-        f"{remove_unit(x.name)} = {format_with_unit(float(f'{values[x.name]:.3g}'), x.unit)}"
-        for x in found
+        f"{remove_unit(x.name)} = {format_with_unit(float(f'{value:.12g}'), x.unit)}"
+        for x, value in zip(found, rounded, strict=True)
     ]
     return (
         f"a fit with {arguments} leaves {np.sqrt(left / most):.2g} times smaller residuals "
