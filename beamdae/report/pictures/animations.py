@@ -24,7 +24,6 @@ from beamdae.report.scene.run_scene import (
     BeamColors,
     available_colors,
     build_run_scene,
-    choose_run_scale,
     export_frames,
     frame_times,
 )
@@ -76,25 +75,23 @@ def animate(
     if duration > 0.0:
         rate = float(np.clip((number - 1) / duration, _MIN_RATE, _MAX_RATE))
     times = frame_times(solution, number)
-    factor = 1.0 if scale is None else require_positive("animate", "scale", scale)
-    scene = build_run_scene("animate", solution, times, trail, factor)
-    if scale is None and (factor := choose_run_scale(solution, times, scene)) != 1.0:
-        scene = build_run_scene("animate", solution, times, trail, factor)
+    if scale is not None:
+        scale = require_positive("animate", "scale", scale)
+    scene = build_run_scene("animate", solution, times, trail, scale)
     if path is None:
-        data = export_frames(scene, times, available_colors(solution, times, color), factor)
+        data = export_frames(scene, times, available_colors(solution, times, color))
         return build_motion_player(scene, data, "", speed, color is not None)
     colors = None if color is None else available_colors(solution, times, color)[0]
-    captions = _format_captions(times, speed, factor, scene.caption)
+    captions = _format_captions(times, speed, scene.caption)
     return _save(path, scene, colors, captions, rate)
 
 
-def _format_captions(times: Array, speed: float, scale: float, heights: str) -> list[str]:
+def _format_captions(times: Array, speed: float, scales: str) -> list[str]:
     """Return captions with the times of the frames, with enough digits to distinguish them."""
     step = float(times[-1] - times[0]) / (len(times) - 1)
     digits = min(max(math.ceil(-math.log10(step)), 0), 9) if step > 0.0 else 3
     suffix = "" if speed == 1.0 else f"   {speed:.3g} of real time"
-    suffix += "" if scale == 1.0 else f"   displacements \u00d7 {scale:.4g}"
-    suffix += f"   {heights}" if heights else ""
+    suffix += f"   {scales}" if scales else ""
     return [f"t = {time:.{digits}f} s{suffix}" for time in times]
 
 

@@ -31,11 +31,11 @@ from beamdae.report.pictures.scene_artists import (
     show_region,
 )
 from beamdae.report.scene.mechanism_scene import (
-    CoordinatePoses,
-    VibrationPoses,
     build_scene,
     collect_drawings,
+    coordinate_poses,
     count_beam_sections,
+    vibration_poses,
 )
 from beamdae.report.scene.run_scene import FRAMES_PER_PERIOD, export_frames
 from beamdae.report.scene.scene import Poses, Scene
@@ -67,20 +67,20 @@ class ModeScenes:
 
     def __init__(self, name: str, modes: Modes | Buckling) -> None:
         self._modes, self._mechanism = modes, _require_drawable(name, modes)
-        self.rest = self._build(CoordinatePoses(self._mechanism, modes.q[None]), 1)
+        self.rest = self._build(coordinate_poses(self._mechanism, modes.q[None]), 1)
         low, high = self.rest.extent()
         self._amplitude = _RELATIVE_AMPLITUDE * (float(np.max(high - low)) or 1.0)
 
     def vibrating(self, k: int, phases: Array) -> Scene:
         """Return the scene of mode `k`, with one frame per complex phase."""
         mechanism, q, shape = self._mechanism, self._modes.q, self._modes.shapes[k]
-        poses = VibrationPoses(mechanism, q, shape, np.array([0.0, 1.0, 1j]))
+        poses = vibration_poses(mechanism, q, shape, np.array([0.0, 1.0, 1j]))
         drawings = collect_drawings(mechanism, count_beam_sections(mechanism))
         positions = [poses(drawing.places)[..., :2] for _, drawing in drawings]
         rest, real, imaginary = np.concatenate(positions, axis=1)
         largest = float(np.max(np.hypot(real - rest, imaginary - rest)))
         scale = self._amplitude / largest if largest > 0.0 else 0.0
-        return self._build(VibrationPoses(mechanism, q, scale * shape, phases), len(phases))
+        return self._build(vibration_poses(mechanism, q, scale * shape, phases), len(phases))
 
     def _build(self, poses: Poses, frames: int) -> Scene:
         return build_scene(

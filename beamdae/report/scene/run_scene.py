@@ -25,12 +25,9 @@ from beamdae.errors import (
     short_repr,
     suggest,
 )
-from beamdae.parts.mechanism import Mechanism
 from beamdae.report.scene.mechanism_scene import (
-    CoordinatePoses,
-    EnlargedPoses,
     build_scene,
-    collect_drawings,
+    coordinate_poses,
     count_beam_sections,
     enlarge,
 )
@@ -38,10 +35,8 @@ from beamdae.report.scene.scene import (
     Glyph,
     Measure,
     MovingCurve,
-    Poses,
     Scene,
     find_layer,
-    round_down_scale,
 )
 from beamdae.report.text import engineering_order, scale_unit
 from beamdae.results.section_forces.section_motions import (
@@ -184,13 +179,6 @@ Array = np.ndarray
 DEFAULT_FRAMES = 120
 _MAX_TRAIL_POINTS = 2000  # in the whole run
 _MAX_TRAIL_POINTS_PER_FRAME = 10
-# Largest displacements relative to the size of the mechanism: those that are visible, those of
-# enlarged motions, and those that may be rounding noise.
-_VISIBLE_RATIO = 0.01
-_ENLARGED_RATIO = 0.12
-_NOISE_RATIO = 1e-7
-# [rad]; enlarged motions of rotating bodies stretch rigid bodies by 0.5 % and beams by 4 %.
-_MAX_ENLARGED_ROTATION = {"beam": 0.3, "rigid": 0.1}
 # Columns that an observable has if it observes the motion of an attachment.
 _MOTION_COLUMNS = {"x", "y", "x_dot", "y_dot"}
 FRAMES_PER_PERIOD = 32  # of vibrations and periodic motions
@@ -207,7 +195,7 @@ def build_run_scene(
     solution: Solution,
     times: Array,
     trail: Any = False,
-    scale: float = 1.0,
+    scale: float | None = 1.0,
     **settings: Any,
 ) -> Scene:
     """Return the scene of a run at the given times.
@@ -223,7 +211,7 @@ def build_run_scene(
     trail
         True to show the trails of all observed points, or the names of the points to trace.
     scale
-        Factor of the displacements from the first frame.
+        See `build_scene`.
     **settings
         Further arguments of `build_scene`.
 
@@ -238,53 +226,14 @@ def build_run_scene(
         raise BeamdaeError(f"{name}: the run has no mechanism; only mechanisms can be drawn.")
     branches, state = solution.trajectory.at(times)
     measure = _create_measure(solution, branches, state)
-    poses: Poses = CoordinatePoses(mechanism, state.q)
-    if scale != 1.0:
-        poses = EnlargedPoses(poses, scale)
-    scene = build_scene(mechanism, poses, times, measure, name=name, **settings)
+    poses = coordinate_poses(mechanism, state.q)
+    scene = build_scene(mechanism, poses, times, measure, name=name, scale=scale, **settings)
     points = _find_observed_points(mechanism.observables)
     trails = _build_trails(
-        solution, {x: points[x] for x in _select_trails(name, trail, points)}, times, scale
+        solution, {x: points[x] for x in _select_trails(name, trail, points)}, times, scene.scale
     )
     absent = _find_absent_frames(solution, times)
     return replace(scene, glyphs=(*trails, *scene.glyphs), absent=absent)
-
-
-def choose_scale(mechanism: Mechanism, poses: Poses, scene: Scene) -> float:
-    """Return the factor of displacements that makes the motion of these poses visible.
-
-    It is 1 if the largest displacement from the first frame exceeds 1 % of the size of the scene,
-    if the motion is so small that it may be rounding noise, and if there are contacts: gaps between
-    bodies and surfaces are not enlarged. Enlarged rotations are at most 0.3 rad for sections of
-    beams and 0.1 rad for rigid bodies, because points of a rotating body move along straight lines
-    in enlarged motions.
-    """
-    if any(part.symbol == "contact" for part in mechanism.parts.values()):
-        return 1.0
-    drawings = collect_drawings(mechanism, count_beam_sections(mechanism))
-    moving = [drawing for _, drawing in drawings if drawing.kind != "ground"]
-    places = [x for drawing in moving for x in drawing.places]
-    limits = [_MAX_ENLARGED_ROTATION.get(x.kind, np.inf) for x in moving for _ in x.places]
-    places_over_time = poses(places)
-    x, y, rotations = np.moveaxis(places_over_time - places_over_time[:1], -1, 0)
-    low, high = scene.extent()
-    ratio = float(np.nanmax(np.hypot(x, y), initial=0.0) / np.max(high - low))
-    if not _NOISE_RATIO < ratio < _VISIBLE_RATIO:
-        return 1.0
-    scale = _ENLARGED_RATIO / ratio
-    rotation = float(np.nanmax(np.abs(rotations) / limits, initial=0.0))  # relative to its limit
-    if scale * rotation > 1.0:
-        scale = max(1.0 / rotation, 1.0)
-    return round_down_scale(scale)
-
-
-def choose_run_scale(solution: Solution, times: Array, scene: Scene) -> float:
-    """Return the factor of displacements for the scene of a run; see `choose_scale`."""
-    mechanism = solution.equations.mechanism
-    if mechanism is None:
-        return 1.0
-    poses = CoordinatePoses(mechanism, solution.trajectory.at(times)[1].q)
-    return choose_scale(mechanism, poses, scene)
 
 
 def _find_absent_frames(solution: Solution, times: Array) -> dict[str, Array]:
@@ -356,19 +305,15 @@ def export_run_frames(
     """
     times = frame_times(solution, frames)
     try:
-        scene = build_run_scene("animate", solution, times)
-        scale = choose_run_scale(solution, times, scene) if enlarges else 1.0
-        if scale != 1.0:
-            scene = build_run_scene("animate", solution, times, scale=scale)
+        scale = None if enlarges else 1.0
+        scene = build_run_scene("animate", solution, times, scale=scale)
     except BeamdaeError:
         return None
-    return export_frames(scene, times, available_colors(solution, times), scale)
+    return export_frames(scene, times, available_colors(solution, times))
 
 
-def export_frames(
-    scene: Scene, times: Array, colors: Sequence[BeamColors] = (), scale: float = 1.0
-) -> dict[str, Any]:
-    """Export a scene whose displacements are enlarged by the factor `scale`.
+def export_frames(scene: Scene, times: Array, colors: Sequence[BeamColors] = ()) -> dict[str, Any]:
+    """Export a scene as plain data and arrays.
 
     Returns
     -------
@@ -386,7 +331,6 @@ def export_frames(
         - "captions": factors by which displacements and section heights are enlarged.
     """
     glyphs = sorted(scene.glyphs, key=lambda glyph: find_layer(glyph.kind))
-    captions = [f"displacements \u00d7 {scale:.4g}"] * (scale != 1.0)
     return {
         "t": times,
         "glyphs": [_export_glyph(glyph, scene) for glyph in glyphs],
@@ -399,7 +343,7 @@ def export_frames(
             for x in colors
         ],
         "extent": [x.tolist() for x in scene.extent()],
-        "captions": ", ".join(filter(None, [*captions, scene.caption])),
+        "captions": scene.caption,
     }
 
 

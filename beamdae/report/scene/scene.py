@@ -113,7 +113,9 @@ class Scene:
     absent
         Masks (frames,) that are True in frames in which a part is inactive, by part name.
     caption
-        Factor of the section heights of beams, if they are enlarged.
+        Factors of displacements and of the section heights of beams, if they are enlarged.
+    scale
+        Factor of the displacements from the first frame.
     """
 
     poses: Array
@@ -122,6 +124,7 @@ class Scene:
     size: float
     absent: Mapping[str, Array] = field(default_factory=dict)
     caption: str = ""
+    scale: float = 1.0
 
     def line(self, glyph: Glyph) -> Array:
         """Return the points (frames, k, 2) [m] of a glyph; nan in frames without the glyph."""
@@ -339,8 +342,8 @@ class SceneBuilder:
         row, name = self.add_attachment(attachment), attachment.body.name
         self.add_rigid("ground", row, join_lines(cone, base, *hatches), name)
 
-    def build(self, caption: str) -> Scene:
+    def build(self, caption: str, scale: float) -> Scene:
         """Return the scene with everything added so far."""
         poses = np.array(self._poses).reshape(-1, len(self.times), 3)
         names = tuple(self._names)
-        return Scene(poses, tuple(self._glyphs), names, self.size, caption=caption)
+        return Scene(poses, tuple(self._glyphs), names, self.size, caption=caption, scale=scale)
