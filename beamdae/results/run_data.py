@@ -35,7 +35,6 @@ from beamdae.results.singular_positions import (
 )
 from beamdae.results.start_changes import StartSummary, compare_start
 from beamdae.results.step_extremes import (
-    ColumnRange,
     StepExtremes,
     StepMeasures,
     may_have_short_peaks,
@@ -238,7 +237,7 @@ class RunData:
 
     @cached_property
     def _column_ranges(self) -> ColumnDict:
-        """Range of each observed column, including peaks between steps and rows, by header.
+        """Extremes of each observed column, including peaks between steps and rows, by header.
 
         Amplitudes of periodic motions must not depend on the number of output rows. Of columns
         without `step_extremes`, only the rows are considered.
@@ -253,8 +252,7 @@ class RunData:
             extremes = np.stack([np.min(rows, axis=0), np.max(rows, axis=0)])
             _, of_rows = refine_extremes(times, extremes, self.t, self._observe_at)
             values = np.where(at_steps, values, of_rows)
-        ranges = map(ColumnRange, *values.tolist())
-        return ColumnDict(dict(zip(self.columns, ranges, strict=True)))
+        return ColumnDict(dict(zip(self.columns, values.T.tolist(), strict=True)))
 
     @cached_property
     def _column_means(self) -> ColumnDict:

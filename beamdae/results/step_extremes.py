@@ -41,24 +41,6 @@ class StepExtremes:
         return 0.5 * (self.max - self.min)
 
 
-@dataclass(frozen=True)
-class ColumnRange:
-    """Smallest and largest value of an observed column."""
-
-    least: float
-    largest: float
-
-    @property
-    def half_range(self) -> float:
-        """Half the difference of both values."""
-        return 0.5 * (self.largest - self.least)
-
-    @property
-    def largest_magnitude(self) -> float:
-        """Largest absolute value."""
-        return max(abs(self.least), abs(self.largest))
-
-
 class StepMeasures(NamedTuple):
     """Columns at the steps and the output rows of a run, (columns,) or (2, columns) each.
 
