@@ -213,17 +213,15 @@ def collect_drawings(mechanism: Mechanism, points: int) -> list[tuple[str, Drawi
     Beams are drawn through `points` sections; for other bodies, see their `Part.draw`.
     """
     parts = list(mechanism.parts.values())
-    drawings = [
-        (part.name, part.draw(_collect_attachments(parts, part), points))
-        for part in (mechanism.ground, *parts)
-    ]
-    return [(name, x) for name, x in drawings if x is not None and x.places]
-
-
-def _collect_attachments(parts: list[Part], body: Part) -> list[Attachment]:
-    """Return the attachments of all parts to a body, without repeated points."""
-    attachments = [a for part in parts for a in part.attachments if a.body is body]
-    return list({attachment.point: attachment for attachment in attachments}.values())
+    drawings = []
+    for body in (mechanism.ground, *parts):
+        # Attachments of all parts to the body, without repeated points.
+        attachments = (a for part in parts for a in part.attachments if a.body is body)
+        places = list({a.point: a for a in attachments}.values())
+        drawing = body.draw(places, points)
+        if drawing is not None and drawing.places:
+            drawings.append((body.name, drawing))
+    return drawings
 
 
 def count_beam_sections(mechanism: Mechanism) -> int:
@@ -259,7 +257,19 @@ def _collect_heights(
 def _draw_body(drawing: Drawing, line: Array, builder: SceneBuilder) -> None:
     attachments = drawing.places
     if drawing.kind == "rigid" and len({id(a.body) for a in attachments}) == 1:
-        _draw_rigid_body(attachments, builder)
+        # A closed outline through the attachments, a line for two, or a circle for one.
+        row = builder.add_attachment(attachments[0])
+        points = np.array([a.point for a in attachments]) - attachments[0].point
+        if len(points) > 1:
+            polygon = points[[*range(len(points)), *([0] if len(points) > 2 else [])]]
+            builder.add_rigid("rigid", row, polygon / builder.size)
+        else:
+            builder.add_rigid("joint", row, circle(_SINGLE_POINT_RADIUS))
+        arm, center = points.mean(axis=0), builder.pose(row).copy()
+        c, s = np.cos(center[:, 2]), np.sin(center[:, 2])
+        center[:, 0] += c * arm[0] - s * arm[1]
+        center[:, 1] += s * arm[0] + c * arm[1]
+        builder.add_name(builder.add_pose(center))
     elif drawing.kind == "point":
         row = builder.add_attachment(attachments[0])
         builder.add_rigid("point", row, circle(_PARTICLE_RADIUS))
@@ -267,19 +277,3 @@ def _draw_body(drawing: Drawing, line: Array, builder: SceneBuilder) -> None:
     else:
         builder.add_curve(drawing.kind, line)
         builder.add_name(builder.add_attachment(attachments[len(attachments) // 2]))
-
-
-def _draw_rigid_body(attachments: Sequence[Attachment], builder: SceneBuilder) -> None:
-    """Draw a closed outline through the attachments, a line for two, or a circle for one."""
-    row, points = builder.add_attachment(attachments[0]), np.array([a.point for a in attachments])
-    points = points - points[0]
-    if len(points) > 1:
-        polygon = points[[*range(len(points)), *([0] if len(points) > 2 else [])]]
-        builder.add_rigid("rigid", row, polygon / builder.size)
-    else:
-        builder.add_rigid("joint", row, circle(_SINGLE_POINT_RADIUS))
-    arm, center = points.mean(axis=0), builder.pose(row).copy()
-    c, s = np.cos(center[:, 2]), np.sin(center[:, 2])
-    center[:, 0] += c * arm[0] - s * arm[1]
-    center[:, 1] += s * arm[0] + c * arm[1]
-    builder.add_name(builder.add_pose(center))

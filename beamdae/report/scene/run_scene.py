@@ -108,7 +108,8 @@ def available_colors(solution: Solution, times: Array, first: Any = None) -> lis
         or stress is requested and a section does not define its height.
     """
     quantities = ["stress", "M"]
-    beams = _evaluate_beams(solution, times)
+    mechanism = solution.equations.mechanism
+    beams = beams_of(mechanism)
     if first is not None:
         first = require_choice("animate", "color", first, tuple(_QUANTITIES))
         quantities = [first, *(x for x in quantities if x != first)]
@@ -116,10 +117,21 @@ def available_colors(solution: Solution, times: Array, first: Any = None) -> lis
             raise BeamdaeError(
                 f"animate: color {first!r} requires a beam, but the mechanism has none; omit color."
             )
+    if mechanism is None or not beams:
+        return []
+    _, state = solution.trajectory.at(times)
+    coordinates, count = map_coordinates(mechanism), count_beam_sections(mechanism)
+    forces: list[tuple[Beam, list[float], Array]] = []
+    for beam in beams:
+        q, v = (x[:, coordinates.slice_of(beam)] for x in (state.q, state.v))
+        places = np.linspace(0.0, beam.length, count).tolist()
+        functions = [beam.kinematics.section_forces(s) for s in places]
+        at_sections = evaluate_sections(identity, functions, q, v, np.zeros_like(q))
+        forces.append((beam, places, at_sections))
     colors = []
-    for what in quantities if beams else ():
+    for what in quantities:
         try:
-            values = {x.beam.name: _compute_quantity(what, x) for x in beams}
+            values = {x[0].name: _compute_quantity(what, *x) for x in forces}
         except BeamdaeError:
             if what == first:
                 raise
@@ -136,35 +148,11 @@ def available_colors(solution: Solution, times: Array, first: Any = None) -> lis
     return colors
 
 
-class _BeamForces(NamedTuple):
-    """Values of `Kinematics.section_forces` (frames, sections, 7) along a beam."""
+def _compute_quantity(what: str, beam: Beam, places: list[float], values: Array) -> Array:
+    """Return the quantity (frames, sections) along a beam.
 
-    beam: Beam
-    places: list[float]
-    values: Array
-
-
-def _evaluate_beams(solution: Solution, times: Array) -> list[_BeamForces]:
-    """Return the section forces of all beams at `times`."""
-    mechanism = solution.equations.mechanism
-    beams = beams_of(mechanism)
-    if mechanism is None or not beams:
-        return []
-    _, state = solution.trajectory.at(times)
-    coordinates, count = map_coordinates(mechanism), count_beam_sections(mechanism)
-    forces = []
-    for beam in beams:
-        q, v = (x[:, coordinates.slice_of(beam)] for x in (state.q, state.v))
-        places = np.linspace(0.0, beam.length, count).tolist()
-        functions = [beam.kinematics.section_forces(s) for s in places]
-        values = evaluate_sections(identity, functions, q, v, np.zeros_like(q))
-        forces.append(_BeamForces(beam, places, values))
-    return forces
-
-
-def _compute_quantity(what: str, forces: _BeamForces) -> Array:
-    """Return the quantity (frames, sections) along a beam."""
-    beam, places, values = forces
+    `values` are those of `Kinematics.section_forces` (frames, sections, 7) at these places [m].
+    """
     elastic, viscous, rest = np.split(np.moveaxis(values, -1, 0), (3, 6))
     if what in ("N", "Q", "M"):
         k = "NQM".index(what)
@@ -181,6 +169,7 @@ _MAX_TRAIL_POINTS = 2000  # in the whole run
 _MAX_TRAIL_POINTS_PER_FRAME = 10
 # Columns that an observable has if it observes the motion of an attachment.
 _MOTION_COLUMNS = {"x", "y", "x_dot", "y_dot"}
+_TRAILS = "True, False or names of observed points"
 FRAMES_PER_PERIOD = 32  # of vibrations and periodic motions
 
 
@@ -228,21 +217,13 @@ def build_run_scene(
     measure = _create_measure(solution, branches, state)
     poses = coordinate_poses(mechanism, state.q)
     scene = build_scene(mechanism, poses, times, measure, name=name, scale=scale, **settings)
-    points = _find_observed_points(mechanism.observables)
-    trails = _build_trails(
-        solution, {x: points[x] for x in _select_trails(name, trail, points)}, times, scene.scale
-    )
-    absent = _find_absent_frames(solution, times)
-    return replace(scene, glyphs=(*trails, *scene.glyphs), absent=absent)
-
-
-def _find_absent_frames(solution: Solution, times: Array) -> dict[str, Array]:
-    """Return masks (frames,) that are True in frames in which a part is inactive, by part name."""
+    # Masks of the frames in which a part is inactive.
     intervals, absent = solution.trajectory.interval_index(times), dict[str, Array]()
     for k, interval in enumerate(solution.trajectory.intervals):
         for part in interval.inactive:
             absent.setdefault(part, np.zeros(len(times), bool))[intervals == k] = True
-    return absent
+    trails = _build_trails(name, solution, trail, times, scene.scale)
+    return replace(scene, glyphs=(*trails, *scene.glyphs), absent=absent)
 
 
 def _create_measure(solution: Solution, branches: Array, state: State) -> Measure:
@@ -254,45 +235,40 @@ def _create_measure(solution: Solution, branches: Array, state: State) -> Measur
     return measure
 
 
-def _find_observed_points(observables: dict[str, Quantity]) -> dict[str, Quantity]:
-    """Return the observables that contain the motion of an attachment."""
-    return {
+def _build_trails(
+    name: str, solution: Solution, trail: Any, times: Array, scale: float
+) -> list[MovingCurve]:
+    """Return the path of each point up to each frame, also sampled between the frames."""
+    mechanism = solution.equations.mechanism
+    # Observables that contain the motion of an attachment.
+    points = {
         name: quantity
-        for name, quantity in observables.items()
+        for name, quantity in ({} if mechanism is None else mechanism.observables).items()
         if _MOTION_COLUMNS.issubset(column.name for column in quantity.columns)
     }
-
-
-def _select_trails(name: str, trail: Any, points: Iterable[str]) -> list[str]:
-    if isinstance(trail, bool):
-        return list(points) if trail else []
-    expected = "True, False or names of observed points"
     trail = plain_text(trail)
-    names = [trail] if isinstance(trail, str) else require_iterable(name, "trail", trail, expected)
+    names: Iterable[Any] = [trail]
+    if isinstance(trail, bool):
+        names = points if trail else ()
+    elif not isinstance(trail, str):
+        names = require_iterable(name, "trail", trail, _TRAILS)
     for one in names:
         if not isinstance(one, str) or one not in points:
             raise BeamdaeError(
-                f"{name}: trail must be {expected}, got {short_repr(one)}{suggest(one, points)}."
+                f"{name}: trail must be {_TRAILS}, got {short_repr(one)}{suggest(one, points)}."
             )
-    return names
-
-
-def _build_trails(
-    solution: Solution, points: dict[str, Quantity], times: Array, scale: float
-) -> list[MovingCurve]:
-    """Return the path of each point up to each frame, also sampled between the frames."""
-    if not points:
+    if not names:
         return []
     between = int(np.clip(_MAX_TRAIL_POINTS // len(times), 1, _MAX_TRAIL_POINTS_PER_FRAME))
     fine = np.interp(np.arange(between * (len(times) - 1) + 1) / between, range(len(times)), times)
     measure = _create_measure(solution, *solution.trajectory.at(fine))
     is_past = np.arange(len(fine)) <= between * np.arange(len(times))[:, None]
     trails = []
-    for name, quantity in points.items():
-        columns = [column.name for column in quantity.columns]
-        positions = measure(quantity)[:, [columns.index("x"), columns.index("y")]]
+    for one in names:
+        columns = [column.name for column in points[one].columns]
+        positions = measure(points[one])[:, [columns.index("x"), columns.index("y")]]
         positions = enlarge(positions, scale) if scale != 1.0 else positions
-        trails.append(MovingCurve(name, "trail", np.where(is_past[..., None], positions, np.nan)))
+        trails.append(MovingCurve(one, "trail", np.where(is_past[..., None], positions, np.nan)))
     return trails
 
 

@@ -207,9 +207,11 @@ def align_points(points: Any, direction: Sequence[float] | Array) -> Array:
     return np.asarray(points, float) @ np.array([(c, s), (-s, c)])
 
 
-def circle(radius: float, corners: int = _SYMBOL_CORNERS) -> Array:
-    """Return a closed regular polygon (corners + 1, 2) that approximates a circle."""
-    angle = np.linspace(0.0, 2.0 * math.pi, corners + 1)
+def circle(
+    radius: float, corners: int = _SYMBOL_CORNERS, first: float = 0.0, last: float = 2.0 * math.pi
+) -> Array:
+    """Return a polygon (corners + 1, 2) that approximates a circle, or its arc between angles."""
+    angle = np.linspace(first, last, corners + 1)
     return radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
