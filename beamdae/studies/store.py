@@ -10,8 +10,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 
 from beamdae.equations.measures import TIME
@@ -25,21 +26,26 @@ from beamdae.results.storage.files import (
     write_bytes,
 )
 from beamdae.studies.file_reads import changed_files
+from beamdae.studies.run_values import COUNT_COLUMNS
 from beamdae.studies.tasks import TRAJECTORY, Outcome, Rows, Task
 
 Array = np.ndarray
 
 _LOCK_FILE = ".lock"
+# The integers of a column of the case table.
+_Count = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
 
 
 @dataclass(frozen=True)
 class Record:
     """Outcome of a task on disk; for the fields, see `Outcome` and `Task`.
 
-    `columns` and `sha256` are the headers and the checksum of the trajectory, if there is one.
+    `counts` are the `values` in the columns of counts of the case table; `columns` and `sha256` are
+    the headers and the checksum of the trajectory, if there is one.
     """
 
     status: Status
+    counts: dict[str, _Count | None]
     values: dict[str, float | int | str | bool | None]
     columns: tuple[str, ...] | None
     sha256: str
@@ -51,7 +57,7 @@ class Record:
     repetitions: int
 
 
-_FORMAT = Format(FileKind("record", "run the case again"), 8, Record)
+_FORMAT = Format(FileKind("record", "run the case again"), 9, Record)
 
 
 @dataclass(frozen=True)
@@ -85,7 +91,8 @@ class Store:
             digest = hashlib.sha256(outcome.text).hexdigest()
         record = Record(
             outcome.status,
-            outcome.values,
+            {name: x for name, x in outcome.values.items() if name in COUNT_COLUMNS},
+            {name: x for name, x in outcome.values.items() if name not in COUNT_COLUMNS},
             columns,
             digest,
             # Tables and plots of large studies need only the measures.
@@ -119,7 +126,7 @@ class Store:
             return None
         return Outcome(
             record.status,
-            record.values,
+            record.counts | record.values,
             rows,
             record.measures,
             record.frames,

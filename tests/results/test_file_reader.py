@@ -110,7 +110,11 @@ RUNS = {
     ),
     "numbers": (
         lambda c, a: c["table"].update({"t [s]": [10**9, 6]}),
-        r"table\[\.\.\.\]: cannot reshape array of size 0",
+        r"table\[\.\.\.\]: must be the first number and the shape of an array",
+    ),
+    "places": (
+        lambda c, a: c["table"].update({"t [s]": [1, [6]]}),
+        r"table\[\.\.\.\]: must be the first number and the shape of an array",
     ),
     "control": (lambda c, a: c.update(label="\x1b[2J"), "must not contain control characters"),
     "missing": (lambda c, a: c["run"].pop("events"), "run: object missing required field events"),

@@ -326,10 +326,10 @@ def write_record(folder: Path, change: str, rng: random.Random) -> Path:
     )
     content = json.loads(path.read_text())
     if change == "tables":
-        rows = folder / "trajectories" / content["rows"]["file"]
+        rows = folder / "trajectories" / content["file"]
         text = change_csv(rows.read_text(), rng)
         rows.write_text(text)
-        content["rows"]["sha256"] = hashlib.sha256(text.encode()).hexdigest()
+        content["sha256"] = hashlib.sha256(text.encode()).hexdigest()
     else:
         JSON_MUTATIONS[change](content, rng)
     path.write_text(_forge(content))

@@ -227,8 +227,11 @@ class Format(Generic[_T]):
             raise ContentError("the content must not contain control characters")
 
         def read_array(_: type, place: Any) -> Array:
-            first, *shape = place
-            return arrays[_NUMBERS][first : first + math.prod(shape)].reshape(shape)
+            try:
+                first, *shape = place
+                return arrays[_NUMBERS][first : first + math.prod(shape)].reshape(shape)
+            except (LookupError, TypeError, ValueError):
+                raise ValueError("must be the first number and the shape of an array") from None
 
         try:
             # Decoding does not call the function __init__, which makes data read-only.
