@@ -22,6 +22,7 @@ from beamdae.cli.output import require_writable
 from beamdae.cli.results import Report, ResultFiles
 
 _KILOBYTE = 1e3
+_LISTS = ("inputs", "parameters", "outputs", "platforms")
 
 
 def export_command(
@@ -106,14 +107,8 @@ def export_command(
         "size": f"{result.size / _KILOBYTE:.0f} kB",
     }
     data = {
-        "fmi": result.fmi,
-        "integrator": result.integrator,
-        "communication step": result.communication_step,
-        "inputs": list(result.inputs),
-        "parameters": list(result.parameters),
-        "outputs": list(result.outputs),
-        "platforms": list(result.platforms),
-        "size": result.size,
+        name.replace("_", " "): getattr(result, name)
+        for name in ("fmi", "integrator", "communication_step", *_LISTS, "size")
     }
     Report(model.name, Description(facts, data=lambda: data)).print()
     ResultFiles([result.path]).finish()
