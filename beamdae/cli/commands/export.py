@@ -83,6 +83,9 @@ def export_command(
     from beamdae.export.fmu import export_fmu
     from beamdae.report.descriptions import Description
 
+    named_platforms = None
+    if platforms is not None:
+        named_platforms = [] if platforms == "none" else split_names(platforms)
     result = export_fmu(
         model,
         fmu,
@@ -93,7 +96,7 @@ def export_command(
         parameters=split_names(parameters),
         fmi=fmi,
         start=job.start(start),
-        platforms=_parse_platforms(platforms),
+        platforms=named_platforms,
         real_time=real_time,
     )
     facts = {
@@ -112,10 +115,3 @@ def export_command(
     }
     Report(model.name, Description(facts, data=lambda: data)).print()
     ResultFiles([result.path]).finish()
-
-
-def _parse_platforms(text: str | None) -> list[str] | None:
-    """Return the platforms of --platforms: none for "none", and None without this option."""
-    if text is None:
-        return None
-    return [] if text == "none" else split_names(text)

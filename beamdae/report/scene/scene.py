@@ -306,25 +306,18 @@ class SceneBuilder:
         Like those of all symbols, they are relative to the symbol size.
         """
         points = np.insert(np.asarray(points, float), 0, 0.0, axis=1)
-        self._add_symbol(kind, at, at, points, False, part)
+        self.add_between(kind, at, at, points, part=part)
 
-    def add_between(self, kind: str, start: int, end: int, points: Any) -> None:
-        """Add a `Symbol` with points (k, 3), whose axes rotate with the two poses."""
-        self._add_symbol(kind, start, end, points, False)
-
-    def add_stretched(self, kind: str, start: int, end: int, points: Any) -> None:
-        """Add a `Symbol` with points (k, 3), whose first axis points from start to end."""
-        self._add_symbol(kind, start, end, points, True)
+    def add_between(
+        self, kind: str, start: int, end: int, points: Any, along: bool = False, part: str = ""
+    ) -> None:
+        """Add a `Symbol` with points (k, 3) between two poses, by default of the current part."""
+        scaled = np.asarray(points, float) * (1.0, self.size, self.size)
+        self._glyphs.append(Symbol(part or self.part, kind, start, end, along, scaled))
 
     def add_link(self, kind: str, start: int, end: int) -> None:
         """Add a straight line between two poses."""
-        self.add_stretched(kind, start, end, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)])
-
-    def _add_symbol(
-        self, kind: str, start: int, end: int, points: Any, along: bool, part: str = ""
-    ) -> None:
-        scaled = np.asarray(points, float) * (1.0, self.size, self.size)
-        self._glyphs.append(Symbol(part or self.part, kind, start, end, along, scaled))
+        self.add_between(kind, start, end, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], along=True)
 
     def add_name(self, row: int) -> None:
         """Add the name of the current part at a pose."""

@@ -304,16 +304,16 @@ def draw_spring_damper(part: Spring, builder: SceneBuilder) -> int:
         builder.add_between("spring", a, b, _spiral())
     elif has_damper and part.stiffness > 0.0:
         side = _SIDE_BY_SIDE_OFFSET
-        builder.add_stretched("spring", a, b, _coil(_STUB, side))
-        builder.add_stretched("damper", a, b, _dashpot(_STUB, -side))
+        builder.add_between("spring", a, b, _coil(_STUB, side), along=True)
+        builder.add_between("damper", a, b, _dashpot(_STUB, -side), along=True)
         ends = ((0.0, _STUB), (1.0, 1.0 - _STUB))
         bars = [[(x, 0.0, -side), (x, 0.0, side)] for _, x in ends]
         stubs = [[(end, 0.0, 0.0), (x, 0.0, 0.0)] for end, x in ends]
-        builder.add_stretched("spring", a, b, join_lines(*map(np.array, (*bars, *stubs))))
+        builder.add_between("spring", a, b, join_lines(*map(np.array, (*bars, *stubs))), along=True)
     elif has_damper:
-        builder.add_stretched("damper", a, b, _dashpot())
+        builder.add_between("damper", a, b, _dashpot(), along=True)
     else:
-        builder.add_stretched("spring", a, b, _coil())
+        builder.add_between("spring", a, b, _coil(), along=True)
     return builder.add_midpoint(a, b)
 
 
@@ -480,7 +480,9 @@ def _draw_force_arrow(
     tail[:, 2] = np.arctan2(load[:, 1], load[:, 0])
     start = builder.add_pose(tail)
     builder.add_link("load", start, row)
-    builder.add_stretched("load tip", start, row, np.column_stack([np.ones(4), arrow_head()]))
+    builder.add_between(
+        "load tip", start, row, np.column_stack([np.ones(4), arrow_head()]), along=True
+    )
     return start
 
 
