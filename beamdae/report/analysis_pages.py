@@ -413,10 +413,10 @@ def build_fit_page(fit: Fit, title: str) -> Content:
             }
         )
     for k, (experiment, header, rows) in enumerate(sources):
-        shift, scale, offset = fit.sensor_of(int(rows.index[0]))
+        sensor = fit.sensor_of(int(rows.index[0]))
         curve = {
-            TIME: rows[TIME].to_numpy() - shift,
-            header: (rows["value"].to_numpy() - offset) / scale,
+            TIME: (rows[TIME].to_numpy() - sensor["shift"]) / sensor["clock"],
+            header: (rows["value"].to_numpy() - sensor["offset"]) / sensor["scale"],
             _residual_header(header): rows["residual"].to_numpy(),
         }
         cases.append(
@@ -433,7 +433,7 @@ def build_fit_page(fit: Fit, title: str) -> Content:
                 "curves": select_curves(curve, limit),
             }
         )
-    corrections = "data, corrected by the estimated shifts, offsets and scales"
+    corrections = "data, corrected by the estimated properties of sensors"
     source = corrections if fit.sensors else "data as measured"
     description = describe(fit)
     facts = {**description.facts, **description.details, "points in the charts": source}

@@ -30,20 +30,20 @@ _OUTPUT = "end of the search"  # has spaces, unlike names of parameters
 class StartSearch:
     """Measure of a model that runs a search from its parameters.
 
-    `shifts` are the first delays of sensors (s,) by the first values of the parameters, if there
-    are such delays.
+    `timing` are the first shifts and clocks (s,) by the first values of the parameters, if there
+    are any.
     """
 
     problem: FitProblem
     scaling: Scaling
     max_evaluations: int
-    shifts: dict[tuple[float, ...], Array]
+    timing: dict[tuple[float, ...], Array]
 
     def __call__(self, model: Model) -> str:
         """Return the end of the search, columns of the table of all searches, as JSON."""
         values = tuple(model.parameters[name] for name in self.problem.names)
-        shifts = self.shifts[values] if self.shifts else ()
-        first = self.scaling.variables(np.array([*values, *shifts]))
+        timing = self.timing[values] if self.timing else ()
+        first = self.scaling.variables(np.array([*values, *timing]))
         result = search(self.problem, self.scaling, first, self.max_evaluations)
         last = result.evaluation.values.tolist()
         return json.dumps(
@@ -92,7 +92,7 @@ def run_starts(
         if name not in problem.names and value is not defaults[name]
     }
     count = len(problem.names)
-    shifts = {tuple(x[:count].tolist()): x[count:] for x in starts if len(x) > count}
+    timing = {tuple(x[:count].tolist()): x[count:] for x in starts if len(x) > count}
     try:
         digest([problem, scaling, max_evaluations])
     except FingerprintError as failure:
@@ -104,7 +104,7 @@ def run_starts(
         f"{problem.model.name}_fit",
         tuple(Case(problem.model, changed | x, problem.integrator) for x in settings),
         time_limit=None,
-        outputs={_OUTPUT: StartSearch(problem, scaling, max_evaluations, shifts)},
+        outputs={_OUTPUT: StartSearch(problem, scaling, max_evaluations, timing)},
         is_measured=True,
         settings=tuple(settings),
     )

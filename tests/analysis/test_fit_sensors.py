@@ -28,7 +28,7 @@ def record(times=TIMES, shift=0.0, **parameters):
 def fit_sensors(data, columns, scale=(), shift=()):
     measured = read_measurements("fit", data, columns)
     fitted = read_fit_data(measured, {"": ["mass.x [m]", "mass.y [m]"]}, 1.0)
-    return read_sensors(fitted, scale, (), shift)
+    return read_sensors(fitted, {"scale": scale, "shift": shift})
 
 
 @pytest.fixture(scope="module")
@@ -52,8 +52,10 @@ def test_sensors_are_estimated_with_the_parameters(sensed):
         rel=1e-5,
     )
     assert fit.names == (*TRUE, *fit.sensors)
-    assert fit.sensor_of(0) == pytest.approx((SHIFT, SCALE, OFFSET), rel=1e-5)
-    assert fit.sensor_of(TIMES.size) == (0.0, 1.0, 0.0)
+    expected = {"shift": SHIFT, "clock": 1.0, "scale": SCALE, "offset": OFFSET}
+    assert fit.sensor_of(0) == pytest.approx(expected, rel=1e-5)
+    perfect = {"shift": 0.0, "clock": 1.0, "scale": 1.0, "offset": 0.0}
+    assert fit.sensor_of(TIMES.size) == perfect
 
 
 @SLOW
@@ -84,7 +86,7 @@ def test_search_from_a_bound_of_a_parameter_in_log_reaches_the_minimum(name):
 def test_projected_jacobian_agrees_with_differences(sensed):
     noise = np.random.default_rng(2).normal(scale=0.02, size=TIMES.size)
     data = {**sensed, "mass.x": sensed["mass.x"] + noise}
-    problem = FitProblem(oscillator, data, list(TRUE), METHOD, SIGMA, **SENSOR)
+    problem = FitProblem(oscillator, data, list(TRUE), METHOD, SIGMA, sensors=SENSOR)
     # Away from the solution, where the term that vanishes with the residuals is large.
     values = np.array([43.0, 0.5, 0.0312])
     jacobian = problem.evaluate(values).projected_jacobian
@@ -391,7 +393,9 @@ def test_data_in_other_units_are_converted(is_sigma_known):
     data = {"t [ms]": 1e3 * TIMES[:3], "mass.x [mm]": 1e3 * values}
     sigma = 5.0 if is_sigma_known else None
     offset = "mass.x [mm]" if is_sigma_known else "mass.x"
-    problem = FitProblem(oscillator, data, ["stiffness"], METHOD, sigma=sigma, offset=offset)
+    problem = FitProblem(
+        oscillator, data, ["stiffness"], METHOD, sigma=sigma, sensors={"offset": offset}
+    )
     table = problem.data.table
     np.testing.assert_allclose(table["t [s]"], TIMES[:3], rtol=1e-15)
     np.testing.assert_allclose(table["value"], values, rtol=1e-15)
@@ -423,9 +427,11 @@ def test_regression_offsets_in_two_units_of_one_column_are_rejected():
     }
     names = ["mass.x [mm]", "mass.x [cm]"]
     with pytest.raises(bd.BeamdaeError, match="twice; remove one, or name the exp"):
-        FitProblem(oscillator, data, ["stiffness"], METHOD, sigma=1.0, offset=names)
+        FitProblem(oscillator, data, ["stiffness"], METHOD, sigma=1.0, sensors={"offset": names})
     pairs = list(zip("ab", names, strict=True))
-    problem = FitProblem(oscillator, data, ["stiffness"], METHOD, sigma=1.0, offset=pairs)
+    problem = FitProblem(
+        oscillator, data, ["stiffness"], METHOD, sigma=1.0, sensors={"offset": pairs}
+    )
     assert problem.estimated[1:] == ("offset of mass.x [m] in a", "offset of mass.x [m] in b")
 
 

@@ -49,6 +49,7 @@ def fit(
     scale: Any = (),
     offset: Any = (),
     shift: Any = (),
+    clock: Any = (),
     start: Any = None,
     max_evaluations: int = 100,
     starts: int = 1,
@@ -121,6 +122,9 @@ def fit(
         texts such as "5 ms". Bounds default to the first time of the data in both directions. It
         replaces larger upper bounds, with a warning, because the run starts at 0 s: omit earlier
         data for larger shifts.
+    clock
+        Columns with an unknown ratio of recorded to true times: the value recorded at t belongs to
+        (t - shift) / clock. Entries as in `shift`, with bounds of the ratio, by default 0.9 to 1.1.
     start
         Start of the runs, see `simulate`.
     max_evaluations
@@ -198,9 +202,7 @@ def fit(
         parameters,
         start,
         experiments,
-        scale,
-        offset,
-        shift,
+        {"shift": shift, "clock": clock, "scale": scale, "offset": offset},
         data_columns,
     )
     scaling = Scaling(problem, bounds, log)

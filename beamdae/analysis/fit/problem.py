@@ -19,7 +19,7 @@ from beamdae.analysis.fit.data import (
     read_fit_data,
     read_measurements,
 )
-from beamdae.analysis.fit.sensors import OFFSET, SCALE, SHIFT, Sensor, read_sensors
+from beamdae.analysis.fit.sensors import CLOCK, OFFSET, SCALE, TIMING, Sensor, read_sensors
 from beamdae.analysis.parameter_bounds import (
     LOG_ORIGIN,
     ParameterScales,
@@ -59,7 +59,7 @@ class Evaluation:
     Attributes
     ----------
     values
-        Values (K,) of the parameters of the model, then of the shifts.
+        Values (K,) of the parameters of the model, then of shifts and clocks.
     runs
         Run with derivatives by experiment, at the times of the data.
     residuals
@@ -98,7 +98,7 @@ class FitProblem:
 
     Scales and offsets of sensors enter linearly and are eliminated by variable projection (Golub &
     Pereyra, Inverse Problems 19 (2003) R1, doi:10.1088/0266-5611/19/2/201): with the weighted
-    residuals r = A(x) c + f(x) - d, where x are the parameters of the model and the shifts, and c
+    residuals r = A(x) c + f(x) - d, where x are the parameters of the model and timing, and c
     the scales and offsets, the best c for a given x is c = A^+ (d - f), and
 
         r' = P (A' c + f') - (A^+)^T A'^T r,    P = 1 - A A^+,
@@ -108,9 +108,10 @@ class FitProblem:
 
     Parameters
     ----------
-    model, data, by, integrator, sigma, parameters, start, experiments, scale, offset, shift,
-    data_columns
+    model, data, by, integrator, sigma, parameters, start, experiments, data_columns
         See `fit`.
+    sensors
+        Arguments "shift", "clock", "scale" and "offset" of `fit` by name.
 
     Attributes
     ----------
@@ -121,7 +122,7 @@ class FitProblem:
     data
         The data.
     sensors
-        Unknown properties of sensors: shifts, then scales and offsets.
+        Unknown properties of sensors.
     weights
         Reciprocal standard deviations (N,) of the data.
     """
@@ -136,9 +137,7 @@ class FitProblem:
         parameters: Any = None,
         start: Any = None,
         experiments: Any = None,
-        scale: Any = (),
-        offset: Any = (),
-        shift: Any = (),
+        sensors: Mapping[str, Any] | None = None,
         data_columns: Any = None,
     ) -> None:
         self.names = require_parameters("fit", model, by)
@@ -169,7 +168,7 @@ class FitProblem:
             for x, values in self._settings.items()
         }
         table = read_fit_data(measured, headers, sigma)
-        self._set_data(table, read_sensors(table, scale, offset, shift))
+        self._set_data(table, read_sensors(table, sensors or {}))
         if self.count < (unknowns := len(self.estimated)):
             raise BeamdaeError(
                 f"fit: {self.count} data do not determine {unknowns} parameters; add data or fit "
@@ -178,24 +177,22 @@ class FitProblem:
 
     @property
     def first_values(self) -> Array:
-        """First values (K,) of the parameters of the model and of the shifts."""
-        shifts = [float(np.clip(0.0, *x.bounds)) for x in self.shifts]
-        return np.array([self.parameters[name] for name in self.names] + shifts)
+        """First values (K,) of the parameters of the model, shifts and clocks."""
+        timing = [float(np.clip(x.perfect, *x.bounds)) for x in self.timing]
+        return np.array([self.parameters[name] for name in self.names] + timing)
 
     def _set_data(self, data: MeasuredData, sensors: tuple[Sensor, ...]) -> None:
         self.data, self.sensors = data, sensors
         self._times, self._values, sigma = (data.table[x].to_numpy() for x in (TIME, VALUE, SIGMA))
         self.weights = 1.0 / sigma
-        self._scaled, offset, self.shifts = (
-            [x for x in sensors if x.kind == kind] for kind in (SCALE, OFFSET, SHIFT)
+        self._scaled, offset, self.timing = (
+            [x for x in sensors if x.kind in kinds] for kinds in ((SCALE,), (OFFSET,), TIMING)
         )
         self.linear = [*self._scaled, *offset]
         self._linear_rows = np.array([x.rows for x in self.linear], float)
         self._linear_rows = self._linear_rows.reshape(len(self.linear), self.count)
         # The last time at which the run of each experiment may be compared [s].
-        latest = self._times.copy()
-        for shift in self.shifts:
-            latest[shift.rows] -= shift.bounds[0]
+        latest, _ = self._correct_times([x.bounds[0] for x in self.timing])
         self._rows = {x: (data.table[EXPERIMENT] == x).to_numpy() for x in data.experiments}
         self._t_end = {x: float(latest[rows].max()) for x, rows in self._rows.items()}
         limit = _MAX_DURATION * self.model.t_end
@@ -226,8 +223,7 @@ class FitProblem:
             others = self.data.table[~np.any([np.zeros(self.count, bool), *known], axis=0)]
             parts = others.groupby(COLUMN, sort=False)[VALUE]
             columns[kind] = [str(x) for x, values in parts if varies(values.to_numpy())]
-        further = read_sensors(self.data, *(columns.get(x, []) for x in (SCALE, OFFSET, SHIFT)))
-        return self._with(self.data, (*self.sensors, *further))
+        return self._with(self.data, (*self.sensors, *read_sensors(self.data, columns)))
 
     def _with(self, data: MeasuredData, sensors: tuple[Sensor, ...]) -> FitProblem:
         other = copy.copy(self)
@@ -246,8 +242,8 @@ class FitProblem:
 
     @property
     def variables(self) -> tuple[str, ...]:
-        """Names of the parameters that the search varies: of the model, then shifts."""
-        return (*self.names, *(x.name for x in self.shifts))
+        """Names of the parameters that the search varies: of the model, then shifts and clocks."""
+        return (*self.names, *(x.name for x in self.timing))
 
     @property
     def estimated(self) -> tuple[str, ...]:
@@ -268,12 +264,11 @@ class FitProblem:
         BeamdaeError
             If a run fails or cannot be differentiated.
         """
-        times, runs = self._times.copy(), {}
-        for shift, value in zip(self.shifts, values[len(self.names) :], strict=True):
-            times[shift.rows] -= value
+        times, by_timing = self._correct_times(values[len(self.names) :])
+        runs = {}
         fitted = dict(zip(self.names, values.tolist(), strict=False))
         for experiment, t_end in self._t_end.items():
-            # Bounds of shifts hold up to rounding.
+            # Bounds hold up to rounding.
             needed = np.unique(np.clip(times[self._rows[experiment]], 0.0, t_end))
             settings = {"parameters": self._settings[experiment] | fitted, "start": self.start}
             # The result evaluates the warnings of the last run.
@@ -294,10 +289,9 @@ class FitProblem:
             model[rows] = run.solution.columns[source.header][at]
             for j, name in enumerate(self.names):
                 derivatives[rows, j] = run.sensitivity(source.header, name).to_numpy()[at]
-            for j, shift in enumerate(self.shifts, len(self.names)):
-                if shift.rows[rows.start]:
-                    rates = differentiate_column(run.solution, source.header, times[rows])
-                    derivatives[rows, j] = -rates
+            if by_timing[rows].any():
+                rates = differentiate_column(run.solution, source.header, times[rows])
+                derivatives[rows, len(self.names) :] = rates[:, None] * by_timing[rows]
         # Reactions that grow without bounds are left out: their residuals are zero.
         is_missing, count = np.isnan(model), len(self._scaled)
         if is_missing.all():
@@ -323,6 +317,19 @@ class FitProblem:
         projected -= inverse[:count].T @ ((scaled * residuals) @ weighted)
         jacobian = np.hstack([effects, matrix])
         return Evaluation(values, runs, residuals, coefficients, projected, jacobian)
+
+    def _correct_times(self, timing: Sequence[float] | Array) -> tuple[Array, Array]:
+        """Return the true times (N,) for shifts and clocks, and their derivatives, (N, sensors)."""
+        times, derivatives = self._times.copy(), np.zeros((self.count, len(self.timing)))
+        for j, (one, value) in enumerate(zip(self.timing, timing, strict=True)):
+            if one.kind == CLOCK:
+                times[one.rows] /= value
+                derivatives[one.rows] /= value
+                derivatives[one.rows, j] = -times[one.rows] / value
+            else:
+                times[one.rows] -= value
+                derivatives[one.rows, j] = -1.0
+        return times, derivatives
 
     def repeat(self, values: Array, method: Integrator, change: Callable[[Any], Any]) -> Evaluation:
         """Return `evaluate` by runs of changed mechanisms with another integrator.
@@ -382,17 +389,17 @@ _ORIGIN = 5.3
 
 
 class Scaling(ParameterScales):
-    """Scales of the parameters (K,) of a fit; shifts and first values of zero are linear.
+    """Scales of the parameters (K,) of a fit; timing and first values of zero are linear.
 
     `is_log` is True (K,) for parameters in `log`.
     """
 
     def __init__(self, problem: FitProblem, bounds: Any, log: Any) -> None:
         self._given = bounds, log
-        self._names, values, shifts = problem.variables, problem.first_values, problem.shifts
+        self._names, values, timing = problem.variables, problem.first_values, problem.timing
         first = dict(zip(problem.names, values.tolist(), strict=False))
         logarithmic = set(require_names("fit", "log", log, "a list of names of parameters"))
-        ends = read_bounds("fit", bounds, first, problem.units) | {x.name: x.bounds for x in shifts}
+        ends = read_bounds("fit", bounds, first, problem.units) | {x.name: x.bounds for x in timing}
         pairs = [np.ravel(ends.get(x, (-np.inf, np.inf))) for x in self._names]
         lower, upper = np.array(pairs).T
         for name in logarithmic:
@@ -412,7 +419,7 @@ class Scaling(ParameterScales):
         lower = np.where(self.is_log, np.maximum(lower, 0.0), lower)
         is_linear = (values == 0.0) | (np.arange(len(values)) >= len(first))
         origins = np.where(is_linear, 0.0, np.where(self.is_log, LOG_ORIGIN, _ORIGIN))
-        sizes = np.array([*[1.0] * len(first), *(x.size for x in shifts)])
+        sizes = np.array([*[1.0] * len(first), *(x.size for x in timing)])
         super().__init__(values, sizes, origins, lower, upper)
 
     def of(self, problem: FitProblem) -> Scaling:

@@ -10,7 +10,7 @@ from scipy.special import chdtr, chdtrc
 
 from beamdae.analysis.fit.problem import FitProblem, Scaling, find_correlation
 from beamdae.analysis.fit.search import SearchResult, find_covariance, local_search
-from beamdae.analysis.fit.sensors import OFFSET, SCALE, SHIFT
+from beamdae.analysis.fit.sensors import CLOCK, OFFSET, SCALE, SHIFT
 from beamdae.equations.measures import TIME
 from beamdae.errors import list_first
 from beamdae.model_parameters import format_with_unit
@@ -115,11 +115,13 @@ def _name_outliers(problem: FitProblem, is_outlier: Array) -> Iterator[str]:
 def suggest_sensors(problem: FitProblem, scaling: Scaling, search: SearchResult) -> str:
     """Return the beginning of a remedy: sensors with which a fit explains the residuals, or "".
 
-    One fit has unknown scales and offsets of all columns, the other one unknown delays. Those that
-    differ from a perfect sensor are named.
+    One fit has unknown scales and offsets of all columns, one unknown delays and, if these explain
+    nothing, one unknown clocks. Those that differ from a perfect sensor are named.
     """
     is_known, least, best = problem.data.is_sigma_known, 1.0 - _MIN_EXPLAINED_SHARE, None
-    for kinds, begin in (((SCALE, OFFSET), 0.0), ((SHIFT,), _MAX_DELAY)):
+    for kinds, begin in (((SCALE, OFFSET), 0.0), ((SHIFT,), _MAX_DELAY), ((CLOCK,), 0.0)):
+        if best is not None and CLOCK in kinds:
+            break  # Other parameters, such as a stiffness, have similar effects as clocks.
         part, rows = problem.within(begin, 1.0)
         left = float(np.sum(search.evaluation.residuals[rows] ** 2))
         noise = min(float(is_known) * np.sum(rows), left)
@@ -144,7 +146,7 @@ def suggest_sensors(problem: FitProblem, scaling: Scaling, search: SearchResult)
     found = [
         x
         for x in other.sensors[len(problem.sensors) :]
-        if abs(values[x.name] - (x.kind == SCALE)) > _MIN_DEVIATIONS * errors[x.name]
+        if abs(values[x.name] - x.perfect) > _MIN_DEVIATIONS * errors[x.name]
     ]
     if not found:
         return ""
@@ -153,7 +155,7 @@ def suggest_sensors(problem: FitProblem, scaling: Scaling, search: SearchResult)
         columns.setdefault(x.kind, []).append(remove_unit(x.name.removeprefix(f"{x.kind} of ")))
     arguments = " and ".join(f"{x}={y}" for x, y in columns.items())
     ends = [
-        f"{remove_unit(x.name)} = {format_with_unit(float(f'{values[x.name]:.2g}'), x.unit)}"
+        f"{remove_unit(x.name)} = {format_with_unit(float(f'{values[x.name]:.3g}'), x.unit)}"
         for x in found
     ]
     return (

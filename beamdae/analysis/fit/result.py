@@ -18,7 +18,7 @@ from beamdae.analysis.fit.problem import FitProblem, Scaling
 from beamdae.analysis.fit.profile import MAX_DECREASE, ProfileLikelihood, trace_profile
 from beamdae.analysis.fit.residual_checks import check_residuals, suggest_sensors
 from beamdae.analysis.fit.search import Information, SearchResult, find_covariance
-from beamdae.analysis.fit.sensors import OFFSET, SCALE, SHIFT
+from beamdae.analysis.fit.sensors import CLOCK, OFFSET, SCALE, SHIFT
 from beamdae.analysis.parameter_bounds import describe_ends
 from beamdae.analysis.sensitivities.sensitivities import Sensitivities
 from beamdae.equations.measures import TIME
@@ -53,7 +53,7 @@ class Fit(HasTable, HasPage):
     parameters
         Estimated values of the parameters of the model by name.
     sensors
-        Estimated shifts [s], scales and offsets by name, such as "offset of gauge 1".
+        Estimated shifts [s], clocks, scales and offsets by name, such as "offset of gauge 1".
     covariance
         Covariance matrix (k, k) of the estimates in the order of `names`, in their units: the
         inverse of J^T J, where J is the Jacobian of `residuals`. Variances of parameters that can
@@ -383,7 +383,7 @@ class Fit(HasTable, HasPage):
         return pd.DataFrame(limits, index=pd.Index(run.t, name=TIME))
 
     def profile(self, name: str, max_points: int = 20) -> ProfileLikelihood:
-        """Return the profile likelihood of a parameter of the model or of a shift.
+        """Return the profile likelihood of a parameter of the model, a shift or a clock.
 
         The parameter is fixed at several values on both sides of its estimate, and all others are
         fitted again, until the sum of squares has grown by the square of `quantile`; see Raue et
@@ -393,7 +393,7 @@ class Fit(HasTable, HasPage):
         Parameters
         ----------
         name
-            Name of a parameter in `by`, or of a shift. Scales and offsets have none: given the
+            Name of a parameter in `by`, a shift or a clock. Scales and offsets have none: given the
             others, they enter linearly.
         max_points
             Maximum number of values on each side of the estimate, at most 1000, each with one fit.
@@ -440,14 +440,15 @@ class Fit(HasTable, HasPage):
         """
         return deferred.module("report.result_displays").draw_result(self)
 
-    def sensor_of(self, number: int) -> tuple[float, float, float]:
-        """Return the estimated shift [s], scale and offset of a row of `residual_table`.
+    def sensor_of(self, number: int) -> dict[str, float]:
+        """Return the estimated properties of the sensor of a row of `residual_table`.
 
-        They are 0, 1 and 0 unless they were fitted.
+        "shift" [s], "clock", "scale" and "offset" are 0, 1, 1 and 0 unless they were fitted.
         """
-        found = {SHIFT: 0.0, SCALE: 1.0, OFFSET: 0.0}
-        found |= {x.kind: self.sensors[x.name] for x in self._problem.sensors if x.rows[number]}
-        return found[SHIFT], found[SCALE], found[OFFSET]
+        found = {SHIFT: 0.0, CLOCK: 1.0, SCALE: 1.0, OFFSET: 0.0}
+        return found | {
+            x.kind: self.sensors[x.name] for x in self._problem.sensors if x.rows[number]
+        }
 
 
 def create_fit(problem: FitProblem, scaling: Scaling, search: SearchResult, starts: Any) -> Fit:

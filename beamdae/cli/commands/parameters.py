@@ -100,6 +100,13 @@ def fit_command(
             help="Column with an unknown delay of its times, and bounds in seconds; repeatable.",
         ),
     ] = None,
+    clock: Annotated[
+        Repeated,
+        typer.Option(
+            metavar="COLUMN[=LOW:HIGH]",
+            help="Column with an unknown ratio of recorded to true times, and bounds; repeatable.",
+        ),
+    ] = None,
     integrator: Annotated[
         str | None,
         typer.Option(
@@ -140,7 +147,8 @@ def fit_command(
         "log": split_names(log),
         "scale": split_names(scale),
         "offset": split_names(offset),
-        "shift": _parse_shifts(shift),
+        "shift": _parse_timing("--shift", "s", shift),
+        "clock": _parse_timing("--clock", "-", clock),
         "start": job.start(start),
         "max_evaluations": max_evaluations,
         "starts": starts,
@@ -193,17 +201,19 @@ def _parse_experiments(texts: list[str] | None) -> dict[str, dict[str, str]]:
     return experiments
 
 
-def _parse_shifts(texts: list[str] | None) -> dict[str, tuple[float, float] | None]:
-    """Return the bounds of --shift COLUMN=LOW:HIGH by column, None without bounds."""
-    shifts: dict[str, tuple[float, float] | None] = {}
+def _parse_timing(
+    option: str, unit: str, texts: list[str] | None
+) -> dict[str, tuple[float, float] | None]:
+    """Return the bounds of an option COLUMN=LOW:HIGH by column, None without bounds."""
+    found: dict[str, tuple[float, float] | None] = {}
     for text in texts or []:
         name, equals, limits = text.rpartition("=")
-        form = "LOW:HIGH, in s or with units"
-        ends = parse_ends("--shift", name, limits, "s", form) if equals else None
-        if (column := name or text) in shifts:
-            raise BeamdaeError(f"--shift {text}: {column} is given twice; omit one of them.")
-        shifts[column] = ends
-    return shifts
+        form = "LOW:HIGH, in s or with units" if unit == "s" else "LOW:HIGH"
+        ends = parse_ends(option, name, limits, unit, form) if equals else None
+        if (column := name or text) in found:
+            raise BeamdaeError(f"{option} {text}: {column} is given twice; omit one of them.")
+        found[column] = ends
+    return found
 
 
 def optimize_command(
