@@ -71,7 +71,6 @@ _MAX_MEASURED_TIME = 1.0
 _MAX_PILOT_TIME = 3.0
 # Steps of a run, minutes of small models, from which on beams without damping have a warning.
 _MIN_STEPS_OF_LONG_RUN = 5e4
-_MAX_NAMES = 3
 
 
 @dataclass(frozen=True)
@@ -196,7 +195,7 @@ class Check:
         if self.warnings:
             notes.append(f"{format_count(len(self.warnings), 'warning')} about its results")
         if self.free_groups:
-            groups = "; ".join(list_first(group, _MAX_NAMES) for group in self.free_groups)
+            groups = "; ".join(list_first(group) for group in self.free_groups)
             notes.append(f"no joint or spring connects {groups} to the ground")
         if self.spectrum is not None and self.spectrum.growth:
             notes.append(self.spectrum.growth)
@@ -507,7 +506,7 @@ def _undamped_beam_warning(
         return
     if beams := find_undamped_beams(mechanism):
         yield (
-            f"{list_first(beams, _MAX_NAMES)}: without damping, vibrations of beams do not decay, "
+            f"{list_first(beams)}: without damping, vibrations of beams do not decay, "
             f"and steps that follow them (about {prediction.steps:.0e}) make runs long; set "
             f"damping= of the sections, such as {EXAMPLE_DAMPING:g} s."
         )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 import os
 import re
 import sys
@@ -28,7 +26,7 @@ from beamdae.errors import (
 )
 from beamdae.input_files import CHECKPOINT, require_output
 from beamdae.report.option_names import name_options
-from beamdae.report.text import make_printable
+from beamdae.report.text import format_json, make_printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -70,7 +68,7 @@ class CommandOutput:
         """Return the JSON document of a command."""
         document = {"command": command, "exit_code": exit_code, **self.results}
         document |= {"files": self.files, "warnings": self.warnings, "errors": self.errors}
-        return json.dumps(_to_json_value(document), indent=2, allow_nan=False)
+        return format_json(document, _to_plain, indent=2)
 
 
 _current_output: ContextVar[CommandOutput | None] = ContextVar("current_output", default=None)
@@ -228,23 +226,15 @@ def record_warning(sentence: str) -> str:
     return printable
 
 
-def _to_json_value(value: Any) -> Any:
-    """Convert a value for JSON.
-
-    NaN and infinity become null, arrays and sets become lists, tables become lists of rows, and
-    paths and all other objects become strings.
-    """
+def _to_plain(value: Any) -> Any:
+    """Return arrays and sets as lists, tables as lists of rows, and other objects as strings."""
     if hasattr(value, "to_dict"):
-        return _to_json_value(value.to_dict("records"))
-    if isinstance(value, Mapping):
-        return {str(key): _to_json_value(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple, set, frozenset)):
-        return [_to_json_value(item) for item in value]
+        return value.to_dict("records")
     if hasattr(value, "tolist"):  # NumPy scalars and arrays
-        return _to_json_value(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, (bool, int, str)) else str(value)
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return dict(value)
+    return list(value) if isinstance(value, (set, frozenset)) else str(value)
 
 
 def require_writable(*groups: tuple[str, Iterable[Path]]) -> None:

@@ -100,7 +100,6 @@ _FLAGS = ("-O2", "-fvisibility=hidden", "-s")
 _DEFAULT_STEP = 1e-3  # s, of the communication with adaptive steps
 # Settings of GeneralizedAlpha whose defaults alone the C code knows.
 _FIXED_SETTINGS = ("rtol", "formulation", "start")
-_MAX_NAMES = 3  # of beams in a warning
 # Entries of the archive have the same date, so that equal models give equal files.
 _DATE = (1980, 1, 1, 0, 0, 0)
 _FILE_MODE = 0o100755  # regular, executable file
@@ -413,7 +412,7 @@ def _warn_of_undamped_beams(equations: EquationsOfMotion) -> None:
     if beams := find_undamped_beams(equations.mechanism):
         warn_user(
             f"{PART}: jumps of inputs excite the fastest vibrations of beams without damping "
-            f"({list_first(beams, _MAX_NAMES)}), which adaptive steps resolve: they become very "
+            f"({list_first(beams)}), which adaptive steps resolve: they become very "
             f"short; set damping= of the sections, such as {EXAMPLE_DAMPING:g} s."
         )
 
@@ -652,7 +651,7 @@ def warn_of_fixed_steps(call: str, gaps: Sequence[SurfaceGapTerm], step: float) 
     names = list(dict.fromkeys(gap.part for gap in gaps))
     if not names:
         return
-    contacts = list_first(names, _MAX_NAMES)
+    contacts = list_first(names)
     warn_user(
         f"{call}: fixed steps of {step:g} s are inaccurate where contacts ({contacts}) last only "
         "a few steps, and pass over shorter ones; choose Radau, or halve the step until the "

@@ -64,7 +64,6 @@ from beamdae.results.trajectory import Trajectory
 
 Array = np.ndarray
 
-_MAX_LISTED_PEAKS = 3
 
 _NO_MEMORY = "out of memory; use longer steps, fewer elements or an earlier end time"
 _NOT_FINITE = "the state is not finite; check laws, masses and start values"
@@ -214,7 +213,7 @@ def _drive(
             **run.methods.first.resolved_options,
             **run.thinning.report,
             **amplitudes,
-            **({"restarted_at": list_first(peaks, _MAX_LISTED_PEAKS)} if peaks else {}),
+            **({"restarted_at": list_first(peaks)} if peaks else {}),
         },
         made_by=integrator,
         event_records=() if run.detector is None else tuple(run.detector.records),

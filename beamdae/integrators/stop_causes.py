@@ -148,7 +148,6 @@ def _describe_fastest_coordinate(e: EquationsOfMotion, state: State) -> str:
 
 
 _STRAIN_SAMPLES = 256  # times since the last check of the motion at which strains are evaluated
-_MAX_NAMES = 3
 _STEPS = 4096  # at the end of the run, which are examined
 # Steps that follow a vibration take 5 to 60 a period; those of BDF of order 2 take 220.
 _MIN_TURNS = 20
@@ -227,7 +226,7 @@ def _describe_followed_vibration(
             periods[beam.name] = 2.0 * (t[-1] - t[0]) / turns
     if not periods:
         return ""
-    names = list_first(sorted(periods), _MAX_NAMES)
+    names = list_first(sorted(periods))
     return (
         f"the steps follow vibrations of {names} with a period of {min(periods.values()):.2g} s, "
         f"which hardly decay; set damping= of the sections{advice}, or use start='equilibrium' if "

@@ -122,7 +122,6 @@ _MIN_ROWS = 3  # runs with fewer rows are not curves
 _MIN_SHARE = 1e-3  # of the largest half range of columns of this kind; smaller ones do not matter
 # Units of positions, velocities and works, which abrupt forces change gradually.
 _GRADUAL_UNITS = ("m", "rad", "m/s", "rad/s", "J")
-_MAX_NAMES = 3  # of further columns
 
 
 @dataclass(frozen=True)
@@ -232,12 +231,12 @@ def coarse_row_warnings(run: RunData) -> Iterator[str]:
         remedy = "tables of extremes and step_extremes include these values; curves show them with "
         remedy += "a smaller output_step"
     if unknown and not peaks:
-        yield f"{list_first(unknown, _MAX_NAMES)}: {remedy}."
+        yield f"{list_first(unknown)}: {remedy}."
     if not peaks:
         return
     worst, *others = sorted(peaks, key=lambda x: -x.importance)
     value, row_value = format_apart(worst.column, worst.value, worst.row_value)
-    names = list_first([remove_unit(x.column) for x in others], _MAX_NAMES)
+    names = list_first([remove_unit(x.column) for x in others])
     missed, reach = f"its {worst.side} value", "and reach only"
     if not worst.is_extreme:
         missed, reach = "values between them", "where they reach only"

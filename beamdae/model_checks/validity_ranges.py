@@ -31,7 +31,6 @@ _MEANINGLESS_DEFORMATION = "so the deformation is meaningless"
 # Number of times at which strains are evaluated, one per step, and size of the positions [bytes].
 _MIN_SAMPLE_COUNT, _MAX_SAMPLE_COUNT = 400, 20_000
 _MAX_SAMPLE_BYTES = 5e7
-_MAX_NAMES = 5  # of further beams in a warning
 
 
 def sample_positions(trajectory: Trajectory) -> Array:
@@ -99,7 +98,7 @@ def _describe_meaningless(strains: Mapping[Beam, float], ratio: float) -> str:
         for beam, strain in strains.items()
         if strain > ratio * _strain_limit(beam)
     )
-    return next(merge_parts(clauses, _MAX_NAMES), "")
+    return next(merge_parts(clauses), "")
 
 
 def _describe_yielding(strains: Mapping[Beam, float]) -> str:
@@ -111,15 +110,13 @@ def _describe_yielding(strains: Mapping[Beam, float]) -> str:
             text = f"{beam.name}: the largest stress is {stress:.4g} Pa, beyond the yield stress "
             text += f"{limit:.4g} Pa of its material, so the deformation is not elastic"
             clauses.append((beam.name, stress / limit, text))
-    return next(merge_parts(clauses, _MAX_NAMES), "")
+    return next(merge_parts(clauses), "")
 
 
 def _strain_limit(beam: Beam) -> float:
     is_stiff = beam.section.at(0.0).material.E >= _MIN_STIFF_MODULUS
     return _MAX_STIFF_STRAIN if is_stiff else _MAX_STRAIN
 
-
-_MAX_FRICTION_NAMES = 3  # in a warning
 
 IGNORED = (
     "friction depends on the sliding velocity and is zero at rest, so this equilibrium ignores it"
@@ -136,7 +133,7 @@ def friction_warnings(
     """Yield a warning that names the active parts with friction."""
     names = [name for name in e.frictions if name not in inactive]
     if names:
-        yield f"{list_first(names, _MAX_FRICTION_NAMES)}: {consequence}."
+        yield f"{list_first(names)}: {consequence}."
 
 
 _MIN_EXCESS = 1e-3  # outside a table, relative to its range; less hardly changes its value

@@ -43,17 +43,14 @@ from beamdae.report.pictures.mode_shapes import (
     find_overdamped,
 )
 from beamdae.report.scene.mechanism_scene import (
-    CoordinatePoses,
-    EnlargedPoses,
     build_scene,
+    coordinate_poses,
     reference_poses,
 )
 from beamdae.report.scene.run_scene import (
-    choose_scale,
     export_frames,
     export_run_frames,
 )
-from beamdae.report.scene.scene import Poses
 from beamdae.results.columns import Header, remove_unit
 from beamdae.results.equilibrium import Equilibrium
 from beamdae.results.solution import Solution
@@ -139,17 +136,13 @@ def _export_path_frames(equilibrium: Equilibrium) -> dict[str, Any] | None:
     if mechanism is None:
         return None
     rows = sorted(sample_evenly(len(equilibrium.q), _MAX_PATH_FRAMES))
-    poses: Poses = CoordinatePoses(mechanism, equilibrium.q[rows])
+    poses = coordinate_poses(mechanism, equilibrium.q[rows])
     times = np.array(rows, float)
     try:
-        scene = build_scene(mechanism, poses, times, is_hidden=lambda part: part.is_load)
-        scale = choose_scale(mechanism, poses, scene)
-        if scale != 1.0:
-            poses = EnlargedPoses(poses, scale)
-            scene = build_scene(mechanism, poses, times, is_hidden=lambda part: part.is_load)
+        scene = build_scene(mechanism, poses, times, None, lambda part: part.is_load, scale=None)
     except BeamdaeError:
         return None  # There are no parts that can be drawn.
-    return export_frames(scene, times, scale=scale)
+    return export_frames(scene, times)
 
 
 def build_modes_page(modes: Modes | Buckling, title: str) -> Content:

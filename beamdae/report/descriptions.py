@@ -181,7 +181,7 @@ def _describe_response(response: Any) -> Description:
         if name not in set(peaks["observed"]):
             parameters, sizes = response.curve(name)
             k = int(np.argmax(sizes))
-            magnitude = response._largest_magnitudes(name)[k]
+            magnitude = response._sizes(name)[1][k]
             shown.loc[len(shown)] = [name, parameters[k], sizes[k], magnitude, False]
     return Description(
         {

@@ -62,7 +62,19 @@ def build_run_page(
     status = solution.status
     method = str(solution.integrator.get("integrator", ""))
     limit = compute_row_limit(len(table))
-    measured = [] if charts is None else _list_measured(charts, limit)
+    points = {} if charts is None else charts.points
+    measured = [
+        {
+            "id": f"data {column} {experiment}",
+            "group": _ID,
+            "label": f"data of {column}" + (f", {experiment}" if experiment else ""),
+            "family": "data",
+            "points": True,
+            "curves": select_curves({TIME: times, column: values}, limit),
+        }
+        for column, by_experiment in points.items()
+        for experiment, (times, values) in by_experiment.items()
+    ]
     case = {
         "id": _ID,
         "group": _ID,
@@ -83,22 +95,6 @@ def build_run_page(
         axes=None if measured else {},
         **({} if charts is None else {"featured": charts.columns}),
     )
-
-
-def _list_measured(charts: PlotSelection, limit: int) -> list[Content]:
-    """Return a case for the measured values of each column and experiment."""
-    return [
-        {
-            "id": f"data {column} {experiment}",
-            "group": _ID,
-            "label": f"data of {column}" + (f", {experiment}" if experiment else ""),
-            "family": "data",
-            "points": True,
-            "curves": select_curves({TIME: times, column: values}, limit),
-        }
-        for column, by_experiment in charts.points.items()
-        for experiment, (times, values) in by_experiment.items()
-    ]
 
 
 def _build_tables(solution: Solution) -> list[Content]:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
+from collections.abc import Callable
+from typing import Any
 
 SUPERSCRIPTS = str.maketrans("-\N{MINUS SIGN}0123456789", "⁻⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # Axes show values of 1e4 and more, and below 1e-2, in multiples of 1000 of their unit. Pages follow
@@ -53,3 +56,12 @@ def scale_unit(unit: str, order: int) -> str:
         return _PREFIXES[order] + unit
     power = f"10{str(order).translate(SUPERSCRIPTS)}" if order else ""
     return f"{power} {'' if order and unit == '-' else unit}".strip()
+
+
+def format_json(data: Any, default: Callable[[Any], Any], **layout: Any) -> str:
+    """Return data as JSON text, in which numbers that are not finite are null.
+
+    `default` converts other values to those of JSON, and `layout` are arguments of `json.dumps`.
+    """
+    plain = json.loads(json.dumps(data, default=default), parse_constant=lambda _: None)
+    return json.dumps(plain, **layout)

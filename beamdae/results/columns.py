@@ -141,31 +141,27 @@ def select_columns(
     if isinstance(name, (list, tuple)):
         names = require_sequence(part or of, "the column", name, "a name or a list of names")
     names = names or [name]
-    selected = [_select_by_name(headers, x, of, preferred, part) for x in names]
-    return list(dict.fromkeys(x for some in selected for x in some))
-
-
-def _select_by_name(
-    headers: list[str], name: Any, of: str, preferred: set[str], part: str
-) -> list[str]:
-    name = plain_text(name)
     readings: tuple[Callable[[str], str], ...] = (
         str,
         remove_unit,
         lambda header: Header.of(header).name,
     )
-    for reading in readings if isinstance(name, str) else ():
-        matches = [header for header in headers if reading(header) == name]
-        if matches:
-            return [header for header in matches if header in preferred] or matches
-    text, shown = as_text(name) or "", list(map(remove_unit, headers))
-    shown = difflib.get_close_matches(text, shown, max(len(shown), 1), cutoff=0.0)
-    # Headers last, for names with another unit.
-    known_names = list(dict.fromkeys(x(h) for x in (*readings[1:], readings[0]) for h in headers))
-    raise BeamdaeError(
-        f"{part or of}: there is no column {short_repr(name)}{suggest(name, known_names)}; "
-        f"available columns: {list_first(shown, _MAX_NAMES) or 'none'}."
-    )
+    selected: dict[str, None] = {}
+    for one in map(plain_text, names):
+        # Of a name that is no text, none matches.
+        found = ([h for h in headers if isinstance(one, str) and x(h) == one] for x in readings)
+        matches = next(filter(None, found), [])
+        if not matches:
+            text, shown = as_text(one) or "", list(map(remove_unit, headers))
+            shown = difflib.get_close_matches(text, shown, max(len(shown), 1), cutoff=0.0)
+            # Headers last, for names with another unit.
+            known = dict.fromkeys(x(h) for x in (*readings[1:], readings[0]) for h in headers)
+            raise BeamdaeError(
+                f"{part or of}: there is no column {short_repr(one)}{suggest(one, known)}; "
+                f"available columns: {list_first(shown, _MAX_NAMES) or 'none'}."
+            )
+        selected |= dict.fromkeys([x for x in matches if x in preferred] or matches)
+    return list(selected)
 
 
 def select_column(part: str, headers: Iterable[str], name: Any) -> str:

@@ -158,25 +158,33 @@ class FrequencyResponse(HasTable, HasPage):
         """
         import pandas as pd
 
-        if not self.points:
-            sizes = [x for name in self._headers for x in _size_headers(name)]
-            names = [self.parameter, "period [s]", *sizes, "stable", "largest multiplier", "fold"]
-            return pd.DataFrame(columns=names)
-        return pd.DataFrame([self._row(k) for k in range(len(self.points))])
-
-    def _row(self, k: int) -> dict[str, Any]:
-        point = self.points[k]
-        row: dict[str, Any] = {self.parameter: point.parameter, "period [s]": point.period}
-        means = point.solution._column_means
-        for header, span in point.solution._column_ranges.items():
-            sizes = means[header], span.half_range, span.largest_magnitude
-            row |= dict(zip(_size_headers(header), sizes, strict=True))
-        fold = k > 0 and point.forward != self.points[k - 1].forward
-        return row | {
-            "stable": point.stable,
-            "largest multiplier": largest_modulus(point.multipliers),
-            "fold": fold,
+        headers = self.points[0].solution.columns if self.points else self._headers
+        columns: dict[str, Any] = {
+            self.parameter: [x.parameter for x in self.points],
+            "period [s]": [x.period for x in self.points],
         }
+        for header in headers:
+            means = [x.solution._column_means[header] for x in self.points]
+            columns |= dict(zip(_size_headers(header), (means, *self._sizes(header)), strict=True))
+        forward = np.array([x.forward for x in self.points], bool)
+        return pd.DataFrame(
+            columns
+            | {
+                "stable": [x.stable for x in self.points],
+                "largest multiplier": [largest_modulus(x.multipliers) for x in self.points],
+                "fold": np.diff(forward, prepend=forward[:1]),
+            }
+        )
+
+    def _extremes(self, header: str) -> Array:
+        """Return the smallest and the largest value (2, k) of an observed column by its header."""
+        ranges = [point.solution._column_ranges[header] for point in self.points]
+        return np.array(ranges, float).reshape(-1, 2).T
+
+    def _sizes(self, header: str) -> tuple[Array, Array]:
+        """Return half the range (k,) and the largest magnitude (k,) of an observed column."""
+        least, largest = self._extremes(header)
+        return 0.5 * (largest - least), np.maximum(np.abs(least), np.abs(largest))
 
     def plot(self, column: str, x: str | None = None) -> Plot:
         """Plot the half range of an observed column over the parameter.
@@ -239,7 +247,7 @@ class FrequencyResponse(HasTable, HasPage):
         rows = []
         for name in self.varying_columns:
             values, sizes = self.curve(name)
-            magnitudes = self._largest_magnitudes(name)
+            magnitudes = self._sizes(name)[1]
             for k in _find_maxima(sizes):
                 parameter, size = self._peak(k, values, sizes)
                 lower = k - 1 if sizes[k - 1] < sizes[k + 1] else k + 1
@@ -276,14 +284,7 @@ class FrequencyResponse(HasTable, HasPage):
         """
         if self.points:
             column = select_column("frequency_response", self.points[0].solution.columns, column)
-        values = np.array([point.parameter for point in self.points])
-        ranges = [point.solution._column_ranges[column] for point in self.points]
-        return values, np.array([x.half_range for x in ranges])
-
-    def _largest_magnitudes(self, header: str) -> Array:
-        """Return the largest magnitude (k,) of an observed column by its header."""
-        ranges = [point.solution._column_ranges[header] for point in self.points]
-        return np.array([x.largest_magnitude for x in ranges])
+        return np.array([point.parameter for point in self.points]), self._sizes(column)[0]
 
     @cached_property
     def varying_columns(self) -> tuple[str, ...]:
@@ -314,9 +315,8 @@ class FrequencyResponse(HasTable, HasPage):
         names = list(self.points[0].solution.columns) if self.points else []
         if not names:
             return frozenset()
-        ranges = [[x.solution._column_ranges[name] for name in names] for x in self.points]
-        rows = np.array([x for y in ranges for x in ([z.least for z in y], [z.largest for z in y])])
-        half_ranges = np.max([self.curve(name)[1] for name in names], axis=1, initial=0.0)
+        rows = np.column_stack([self._extremes(name).ravel() for name in names])
+        half_ranges = np.max([self._sizes(name)[0] for name in names], axis=1, initial=0.0)
         rate = 2.0 * np.pi / min(point.period for point in self.points)
         length = self.points[0].solution.equations.length
         at_rest = mark_resting_columns(names, rows, half_ranges, length, rate)

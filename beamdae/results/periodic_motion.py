@@ -169,8 +169,8 @@ class PeriodicMotion(HasTable, HasPage):
 
         rows = {}
         means = self.solution._column_means
-        for header, span in self.solution._column_ranges.items():
-            sizes = means[header], span.half_range, span.least, span.largest
+        for header, (least, largest) in self.solution._column_ranges.items():
+            sizes = means[header], 0.5 * (largest - least), least, largest
             rows[header] = (*sizes, Header.of(header).unit)
         names = ["mean", "half range", "least", "largest", "unit"]
         return pd.DataFrame.from_dict(rows, orient="index", columns=names)

@@ -35,7 +35,6 @@ from beamdae.results.singular_positions import (
 )
 from beamdae.results.start_changes import StartSummary, compare_start
 from beamdae.results.step_extremes import (
-    ColumnRange,
     StepExtremes,
     StepMeasures,
     may_have_short_peaks,
@@ -45,60 +44,10 @@ from beamdae.results.step_extremes import (
     refine_extremes,
 )
 from beamdae.results.storage.files import versions as installed_versions
-from beamdae.results.trajectory import Interval, Trajectory
+from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.statements import Variable
 
 Array = np.ndarray
-
-
-def find_elastic_columns(equations: EquationsOfMotion) -> Array:
-    """Return the indices of elastic forces among the observed columns.
-
-    See `Quantity.is_elastic`.
-    """
-    counts = [len(x.columns) for x in equations.observables]
-    (columns,) = np.nonzero(np.repeat([x.is_elastic for x in equations.observables], counts))
-    return columns
-
-
-def observe_elastic_columns(
-    equations: EquationsOfMotion, trajectory: Trajectory, max_rows: int
-) -> list[Array]:
-    """Return the columns of `find_elastic_columns` at the nodes of each interval, (k, c) each.
-
-    At most `max_rows` states are evaluated together.
-    """
-    observables = tuple(x for x in equations.observables if x.is_elastic)
-    observers = {
-        inactive: ObservedRows(
-            replace(equations.without_loads_of(inactive), observables=observables)
-        )
-        for inactive in {x.inactive for x in trajectory.intervals}
-    }
-    return [_observe_nodes(observers[x.inactive], x, max_rows) for x in trajectory.intervals]
-
-
-def _observe_nodes(observe: ObservedRows, interval: Interval, max_rows: int) -> Array:
-    """Return the columns at the nodes of an interval."""
-    blocks = []
-    for first in range(0, len(interval.nodes), max_rows):
-        rows = slice(first, first + max_rows)
-        blocks.append(observe(interval.times[rows], *(x[rows] for x in interval.rows)))
-    return np.concatenate(blocks)
-
-
-def interpolate_elastic_columns(
-    trajectory: Trajectory, values: Sequence[Array], times: Array, columns: Array
-) -> None:
-    """Replace columns (j, c) at ascending times (j,) [s], given those at the nodes of intervals.
-
-    Columns of intervals that store only some of their steps remain, because their nodes are rows.
-    """
-    index = trajectory.interval_index(times)
-    for k, interval in enumerate(trajectory.intervals):
-        here = index == k
-        if interval.record is None and here.any():
-            columns[here] = interval.interpolate_forces(values[k], times[here])
 
 
 # Coordinates of the rows at which columns are evaluated together [bytes]; their local coordinates
@@ -238,7 +187,7 @@ class RunData:
 
     @cached_property
     def _column_ranges(self) -> ColumnDict:
-        """Range of each observed column, including peaks between steps and rows, by header.
+        """Extremes of each observed column, including peaks between steps and rows, by header.
 
         Amplitudes of periodic motions must not depend on the number of output rows. Of columns
         without `step_extremes`, only the rows are considered.
@@ -253,8 +202,7 @@ class RunData:
             extremes = np.stack([np.min(rows, axis=0), np.max(rows, axis=0)])
             _, of_rows = refine_extremes(times, extremes, self.t, self._observe_at)
             values = np.where(at_steps, values, of_rows)
-        ranges = map(ColumnRange, *values.tolist())
-        return ColumnDict(dict(zip(self.columns, ranges, strict=True)))
+        return ColumnDict(dict(zip(self.columns, values.T.tolist(), strict=True)))
 
     @cached_property
     def _column_means(self) -> ColumnDict:
@@ -345,18 +293,39 @@ class RunData:
     def _interpolate_elastic(self, times: Array, columns: Array) -> None:
         """Replace elastic forces between steps, see the module."""
         indices, values = self._elastic_at_nodes
-        if len(indices):
-            forces = columns[:, indices]
-            interpolate_elastic_columns(self.trajectory, values, times, forces)
-            columns[:, indices] = forces
+        index = self.trajectory.interval_index(times)
+        for k, interval in enumerate(self.trajectory.intervals if len(indices) else ()):
+            (here,) = np.nonzero(index == k)
+            # The nodes of intervals that store only some of their steps are rows.
+            if interval.record is None and len(here):
+                forces = interval.interpolate_forces(values[k], times[here])
+                columns[here[:, None], indices] = forces
 
     @cached_property
     def _elastic_at_nodes(self) -> tuple[Array, Sequence[Array]]:
-        """Indices of such columns, and their values (k, c) at the nodes of each interval."""
-        indices = find_elastic_columns(self.equations)
+        """Indices of the elastic columns, and their values (k, c) at the nodes of each interval.
+
+        See `Quantity.is_elastic`.
+        """
+        e, count = self.equations, self._rows_at_once
+        counts = [len(x.columns) for x in e.observables]
+        (indices,) = np.nonzero(np.repeat([x.is_elastic for x in e.observables], counts))
         if not len(indices):
             return indices, []
-        return indices, observe_elastic_columns(self.equations, self.trajectory, self._rows_at_once)
+        observables = tuple(x for x in e.observables if x.is_elastic)
+        intervals = self.trajectory.intervals
+        observers = {
+            inactive: ObservedRows(replace(e.without_loads_of(inactive), observables=observables))
+            for inactive in {x.inactive for x in intervals}
+        }
+        values = []
+        for x in intervals:
+            blocks = []
+            for first in range(0, len(x.nodes), count):
+                rows = slice(first, first + count)
+                blocks.append(observers[x.inactive](x.times[rows], *(y[rows] for y in x.rows)))
+            values.append(np.concatenate(blocks))
+        return indices, values
 
     def summary(self) -> dict[str, Any]:
         """Return status, last time [s], statistics and quality as a flat dictionary."""

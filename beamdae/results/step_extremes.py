@@ -41,24 +41,6 @@ class StepExtremes:
         return 0.5 * (self.max - self.min)
 
 
-@dataclass(frozen=True)
-class ColumnRange:
-    """Smallest and largest value of an observed column."""
-
-    least: float
-    largest: float
-
-    @property
-    def half_range(self) -> float:
-        """Half the difference of both values."""
-        return 0.5 * (self.largest - self.least)
-
-    @property
-    def largest_magnitude(self) -> float:
-        """Largest absolute value."""
-        return max(abs(self.least), abs(self.largest))
-
-
 class StepMeasures(NamedTuple):
     """Columns at the steps and the output rows of a run, (columns,) or (2, columns) each.
 
@@ -121,9 +103,11 @@ def measure_steps(
     last, count = len(row_times) - 1, rows.shape[1]
     has_lower_side = np.array([x not in magnitudes for x in observed], bool)
     selected = list(_select_steps(trajectory, row_times))
-    weights = _trapezoidal_weights(
-        np.concatenate([row_times, *(interval.t[steps] for interval, steps in selected)])
-    )
+    # Trapezoidal weights of all values in the integral over the times.
+    all_times = np.concatenate([row_times, *(interval.t[steps] for interval, steps in selected)])
+    order, weights = np.argsort(all_times, kind="stable"), np.zeros(len(all_times))
+    widths = 0.5 * np.diff(all_times[order])
+    weights[order] = np.append(0.0, widths) + np.append(widths, 0.0)
     # Columns may be infinite or not a number at some times.
     with np.errstate(invalid="ignore", over="ignore"):
         # Of the negative columns, the columns, and their distances from the rows.
@@ -179,15 +163,6 @@ def _select_steps(trajectory: Trajectory, row_times: Array) -> Iterator[tuple[In
         is_new = (interval.t >= begin) & (interval.t <= end)
         is_new &= ~np.isin(interval.t, row_times[of_rows == number])
         yield interval, np.flatnonzero(is_new)
-
-
-def _trapezoidal_weights(times: Array) -> Array:
-    """Return the weights of values at times (k,) [s], in any order, in their integral."""
-    order = np.argsort(times, kind="stable")
-    widths = 0.5 * np.diff(times[order])
-    weights = np.zeros(len(times))
-    weights[order] = np.append(0.0, widths) + np.append(widths, 0.0)
-    return weights
 
 
 def refine_extremes(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import comb
@@ -260,23 +260,19 @@ class Interval:
     def _limit_overshoot(
         self, weights: sp.csr_array, interpolated: Sequence[Array], values: Sequence[Array]
     ) -> None:
-        """Remove the overshoot of polynomials of a and lam, with these weights, beside jumps."""
-        if self._degree(_DEGREE_OF_REACTIONS) >= _DEGREE_OF_REACTIONS and weights.shape[0]:
-            limit = self._overshoot_limit(weights)
-            for polynomials, at_nodes in zip(interpolated, values, strict=True):
-                limit(polynomials, at_nodes)
-
-    def _overshoot_limit(self, weights: sp.csr_array) -> Callable[[Array, Array], None]:
-        """Return a function that removes the overshoot of polynomials beside jumps.
-
-        Its arguments are the values of the polynomials at j times, which it changes, and those at
-        the nodes, (j, c) and (k, c).
+        """Remove the overshoot of polynomials of a and lam beside jumps.
 
         Parameters
         ----------
         weights
             Lagrange weights (j, k) of the nodes at the times.
+        interpolated
+            Values of polynomials at j times (j, c), which are changed.
+        values
+            Their values at the nodes (k, c).
         """
+        if self._degree(_DEGREE_OF_REACTIONS) < _DEGREE_OF_REACTIONS or not weights.shape[0]:
+            return
         through = weights.indices.reshape(weights.shape[0], -1).T
         # Times of the same step have the same polynomials.
         is_first = np.append(True, np.any(np.diff(through, axis=1), axis=0))
@@ -291,11 +287,11 @@ class Interval:
         by_node = (x[-1] - x[0]) ** degree / (_MAX_LEADING_SHARE * comb(2 * degree, degree))
         by_node = (by_node / divisors)[..., None]
 
-        def limit(polynomials: Array, values: Array) -> None:
-            at_node = values[through[0]]
+        for polynomials, at_nodes in zip(interpolated, values, strict=True):
+            at_node = at_nodes[through[0]]
             leading, low, high = by_node[0] * at_node, at_node, at_node
             for node, factor in zip(through[1:], by_node[1:], strict=True):
-                at_node = values[node]
+                at_node = at_nodes[node]
                 leading += factor * at_node
                 low, high = np.minimum(low, at_node), np.maximum(high, at_node)
             jumps = np.abs(leading) > high - low
@@ -303,8 +299,6 @@ class Interval:
                 rows, columns = np.nonzero(jumps[polynomial])
                 ends = (x[polynomial[rows], columns] for x in (low, high))
                 polynomials[rows, columns] = np.clip(polynomials[rows, columns], *ends)
-
-        return limit
 
     def positions_at(self, t: Array, coordinates: Sequence[int] | slice | None = None) -> Array:
         """Return the coordinates q of `at` (j, n), or only some of them."""

@@ -286,6 +286,18 @@ def default_integrators() -> tuple[Integrator, ...]:
     )
 
 
+def list_entries(part: str, name: str, value: Any, what: str) -> list[Any]:
+    """Return the entries of an ordered iterable, which are at most a million.
+
+    `what` describes the expected value in messages.
+    """
+    is_unordered = isinstance(value, (str, bytes, set, frozenset))
+    entries = require_iterable(part, name, None if is_unordered else value, what, MAX_CASES + 1)
+    if len(entries) > MAX_CASES:
+        raise BeamdaeError(f"{part}: {name} has more than {MAX_CASES} entries; use fewer.")
+    return entries
+
+
 def grid(**lists: Iterable[Any]) -> list[dict[str, Any]]:
     """Return all combinations of parameter values; the last name varies fastest.
 

@@ -8,8 +8,7 @@ import pickle
 import time as clock
 import warnings
 from contextlib import nullcontext, suppress
-from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,6 @@ from beamdae.results.outcome import Status
 from beamdae.results.solution import Solution
 from beamdae.results.storage.files import is_in_deleted_folder
 from beamdae.simulation import as_equations, simulate, unchecked
-from beamdae.studies.case import Case
 from beamdae.studies.file_reads import (
     FileReads,
     are_unchanged,
@@ -80,14 +78,9 @@ def _measure_case(task: Task) -> Outcome:
         warnings.simplefilter("always", BeamdaeWarning)
         values = evaluate_outputs(task.outputs, task.case.configured())
     values[WALL_TIME_COLUMN] = clock.perf_counter() - begin
-    by_kind: dict[type[Warning], dict[str, None]] = {BeamdaeWarning: {}, KernelWarning: {}}
-    for warning in caught:
-        for kind, sentences in by_kind.items():
-            if issubclass(warning.category, kind):
-                sentences[str(warning.message)] = None
-    if by_kind[BeamdaeWarning]:
-        values["warnings"] = "\n".join(by_kind[BeamdaeWarning])
-    return Outcome(MEASURED, values, kernel_warnings=tuple(by_kind[KernelWarning]))
+    if sentences := _list_messages(caught, BeamdaeWarning):
+        values["warnings"] = "\n".join(sentences)
+    return Outcome(MEASURED, values, kernel_warnings=_list_messages(caught, KernelWarning))
 
 
 def _run_case(task: Task, reads: FileReads) -> Outcome:
@@ -95,17 +88,22 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
     with warnings.catch_warnings(record=True) as caught:
         # Not printed, because the case table contains the warnings of the run.
         warnings.simplefilter("ignore", BeamdaeWarning)
-        built = _build_equations(task)
-        reads |= built.reads
-        costs = []
+        equations, files = _build_equations(task)
+        reads |= files
+        costs, limit = [], task.time_limit
+
+        def find_exceeded_limit(t: float) -> str | None:
+            is_exceeded = limit is not None and clock.perf_counter() - run_begin > limit
+            return f"reached the time limit of {limit:g} s" if is_exceeded else None
+
         for _ in range(task.repetitions):
-            stop = partial(_find_exceeded_limit, task.time_limit, clock.perf_counter())
+            run_begin = clock.perf_counter()
             solution = simulate(
-                built.equations,
+                equations,
                 task.case.integrator,
                 task.t_end,
                 task.output_step,
-                stop,
+                find_exceeded_limit,
                 partial="return",
             )
             costs.append(solution.statistics)
@@ -126,7 +124,6 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
         frames = _export_frames(solution, task.frames) if task.frames else None
     simulation_time = sum(x.wall_time + x.setup_time for x in costs)
     values[MEASURING_TIME_COLUMN] = clock.perf_counter() - begin - simulation_time
-    messages = tuple(str(x.message) for x in caught if issubclass(x.category, KernelWarning))
     return Outcome(
         status,
         values,
@@ -134,7 +131,7 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
         measures,
         frames,
         text=text,
-        kernel_warnings=messages,
+        kernel_warnings=_list_messages(caught, KernelWarning),
     )
 
 
@@ -145,47 +142,28 @@ def _export_frames(solution: Solution, count: int) -> dict[str, Any]:
     return dict(json.loads(encode(frames)))
 
 
-@dataclass(frozen=True)
-class _EquationsKey:
-    """Cache key of equations: the fingerprint of the mechanism, and a case that builds them."""
-
-    fingerprint: str
-    case: Case = field(compare=False)
+# Equations, and the files that were read to build them, by the fingerprint of the mechanism. One
+# entry suffices: neighboring cases of a study differ only in their integrator.
+_last_equations: dict[str, tuple[EquationsOfMotion, FileReads]] = {}
 
 
-@dataclass(frozen=True)
-class _BuiltEquations:
-    """Equations of motion, and the files that were read to build them."""
+def _build_equations(task: Task) -> tuple[EquationsOfMotion, FileReads]:
+    """Return the equations of a task, and the files that were read to build them.
 
-    equations: EquationsOfMotion
-    reads: FileReads
-
-
-def _build_equations(task: Task) -> _BuiltEquations:
-    """Return the equations of a task.
-
-    They are cached if the previous task in this process had the same mechanism, and the files read
-    to build it have not changed.
+    They are those of the previous task in this process if it had the same mechanism, and the files
+    read to build it have not changed.
     """
-    fingerprint = task.mechanism_fingerprint or task.case.mechanism_fingerprint()
-    key = _EquationsKey(fingerprint, task.case)
-    built = _cached_equations(key)
-    if not are_unchanged(built.reads):
-        _cached_equations.cache_clear()
-        built = _cached_equations(key)
-    return built
+    case = task.case
+    key = task.mechanism_fingerprint or case.mechanism_fingerprint()
+    if key not in _last_equations or not are_unchanged(_last_equations[key][1]):
+        _last_equations.clear()
+        with record_file_reads() as reads:
+            mechanism = case.model(**case.parameters)
+            equations = as_equations("study", mechanism, case.start, sampled=True)
+        _last_equations[key] = equations, reads
+    return _last_equations[key]
 
 
-# One entry suffices: neighboring cases of a study differ only in their integrator.
-@lru_cache(maxsize=1)
-def _cached_equations(key: _EquationsKey) -> _BuiltEquations:
-    with record_file_reads() as reads:
-        case = key.case
-        equations = as_equations("study", case.model(**case.parameters), case.start, sampled=True)
-    return _BuiltEquations(equations, reads)
-
-
-def _find_exceeded_limit(limit: float | None, begin: float, t: float) -> str | None:
-    """Return the reason to stop a run that began at a time of the clock [s], or None."""
-    is_exceeded = limit is not None and clock.perf_counter() - begin > limit
-    return f"reached the time limit of {limit:g} s" if is_exceeded else None
+def _list_messages(caught: list[warnings.WarningMessage], kind: type[Warning]) -> tuple[str, ...]:
+    """Return the different warnings of a kind."""
+    return tuple(dict.fromkeys(str(x.message) for x in caught if issubclass(x.category, kind)))

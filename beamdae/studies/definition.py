@@ -11,7 +11,6 @@ from beamdae.errors import (
     BeamdaeError,
     plain_text,
     require_count,
-    require_iterable,
     require_positive,
     set_fields,
     short_repr,
@@ -21,7 +20,7 @@ from beamdae.integrators.integrator import require_integrator
 from beamdae.model_functions import Model, require_file_name
 from beamdae.read_only import read_only_data
 from beamdae.results.columns import require_column_names
-from beamdae.studies.case import MAX_CASES, Case, DigestCache
+from beamdae.studies.case import MAX_CASES, Case, DigestCache, list_entries
 from beamdae.studies.tasks import Task, describe_exception
 
 _DEFAULT_OUTPUT_ROWS = 400
@@ -162,7 +161,7 @@ class Study:
 
 def _require_cases(name: str, value: Any) -> tuple[Case, ...]:
     allowed = "a list of at least one Case"
-    cases = _require_entries(name, "cases", value, allowed, MAX_CASES)
+    cases = list_entries(name, "cases", value, allowed)
     if not cases:
         raise BeamdaeError(f"{name}: cases must be {allowed}, got {short_repr(value)}.")
     invalid = [case for case in cases if not isinstance(case, Case)]
@@ -170,33 +169,22 @@ def _require_cases(name: str, value: Any) -> tuple[Case, ...]:
         raise BeamdaeError(
             f"{name}: cases must be {allowed}, but one entry is {short_repr(invalid[0])}."
         )
-    if len(cases) > MAX_CASES:
-        raise BeamdaeError(f"{name}: there are more than {MAX_CASES} cases; split the study.")
-    return cases
+    return tuple(cases)
 
 
 def _require_references(name: str, value: Any) -> tuple[Integrator, ...] | None:
     if value is None:
         return None
     allowed = "two integrators with different methods, or () for no errors"
-    references = _require_entries(name, "references", value, allowed, 2)
-    if references == () and isinstance(value, (tuple, list)):
+    references = list_entries(name, "references", value, allowed)
+    if not references and isinstance(value, (tuple, list)):
         return ()
     if not references or not all(isinstance(x, Integrator) for x in references):
         raise BeamdaeError(f"{name}: references must be {allowed}, got {short_repr(value)}.")
     methods = [require_integrator(name, x).method for x in references]
     if len(methods) != 2 or methods[0] == methods[1]:
         raise BeamdaeError(f"{name}: references must be {allowed}, got {', '.join(methods)}.")
-    return references
-
-
-def _require_entries(
-    name: str, setting: str, value: Any, allowed: str, most: int
-) -> tuple[Any, ...]:
-    """Return the entries of an ordered iterable, but at most `most + 1` of them."""
-    is_unordered = isinstance(value, (str, bytes, set, frozenset))
-    entries = require_iterable(name, setting, None if is_unordered else value, allowed, most + 1)
-    return tuple(entries)
+    return tuple(references)
 
 
 def study(
@@ -232,13 +220,10 @@ def study(
         require_positive("study", "time_limit", time_limit)
 
     def decorate(function: Callable[[], Iterable[Case]]) -> Study:
-        if not callable(function) or not hasattr(function, "__name__"):
-            raise BeamdaeError(
-                f"study: the decorated object must be a function, got {short_repr(function)}."
-            )
+        cases = call_definition("study", function, "cases")
         return Study(
             function.__name__,
-            call_definition(function, "cases"),
+            cases,
             references,
             columns,  # type: ignore[arg-type]
             t_end,
@@ -251,8 +236,8 @@ def study(
     return decorate
 
 
-def call_definition(function: Callable[[], Any], entries: str) -> Any:
-    """Call the function of a study or sweep, and return its result.
+def call_definition(part: str, function: Callable[[], Any], entries: str) -> Any:
+    """Call the function that `part`, "study" or "sweep", decorates, and return its result.
 
     `entries` ("cases" or "values") describes the result in the error message. Iterators are
     converted to lists of at most 1 000 001 entries.
@@ -260,8 +245,13 @@ def call_definition(function: Callable[[], Any], entries: str) -> Any:
     Raises
     ------
     BeamdaeError
-        If the function raises an exception other than KeyboardInterrupt, such as `SystemExit`.
+        If it is no function, or raises an exception other than KeyboardInterrupt, such as
+        `SystemExit`.
     """
+    if not callable(function) or not hasattr(function, "__name__"):
+        raise BeamdaeError(
+            f"{part}: the decorated object must be a function, got {short_repr(function)}."
+        )
     try:
         listed = function()
         # A generator function runs only when it is iterated.

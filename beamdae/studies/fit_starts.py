@@ -18,7 +18,7 @@ from beamdae.studies.case import Case
 from beamdae.studies.executors import SerialPool, create_executor
 from beamdae.studies.fingerprints import FingerprintError, digest
 from beamdae.studies.run_values import format_output_column
-from beamdae.studies.study_run import StudyResults, run_study
+from beamdae.studies.study_run import run_study
 from beamdae.studies.sweeps.sweep import Sweep, require_folder
 
 Array = np.ndarray
@@ -40,18 +40,19 @@ class StartSearch:
     timing: dict[tuple[float, ...], Array]
 
     def __call__(self, model: Model) -> str:
-        """Return the end of the search as JSON."""
+        """Return the end of the search, columns of the table of all searches, as JSON."""
         values = tuple(model.parameters[name] for name in self.problem.names)
         timing = self.timing[values] if self.timing else ()
         first = self.scaling.variables(np.array([*values, *timing]))
         result = search(self.problem, self.scaling, first, self.max_evaluations)
+        last = result.evaluation.values.tolist()
         return json.dumps(
             {
-                "values": result.evaluation.values.tolist(),
-                "chi_square": result.chi_square,
                 "status": result.status.kind,
                 "reason": result.status.sentence,
+                "chi-square": result.chi_square,
                 "evaluations": result.evaluations,
+                **dict(zip(self.problem.variables, last, strict=True)),
             }
         )
 
@@ -114,7 +115,17 @@ def run_starts(
             # Raised by `progress`. Finished searches are no fit yet.
             attach_partial(failure, None)
         raise
-    table = _tabulate(problem, results, settings)
+    rows = []
+    for case, point in zip(study.cases, settings, strict=True):
+        outcome = results.outcome(case)
+        row: dict[str, Any] = {f"first {name}": value for name, value in point.items()}
+        row |= {"status": outcome.status.kind, "reason": outcome.status.sentence}
+        text = outcome.values.get(format_output_column(_OUTPUT))
+        if outcome.status.success and text is not None:
+            row |= json.loads(text)
+        rows.append(row)
+    columns = [*rows[0], "chi-square", "evaluations", *problem.variables]
+    table = pd.DataFrame(rows, columns=list(dict.fromkeys(columns)))
     finished = table[table["chi-square"].notna()]
     if results.interrupted and not len(finished):
         hint = "; call fit with the same folder to resume" if path is not None else ""
@@ -127,27 +138,3 @@ def run_starts(
     best = int(np.argmin(finished["chi-square"].to_numpy(float)))
     values = finished[list(problem.variables)].to_numpy(float)[best]
     return scaling.variables(values), table, results.interrupted
-
-
-def _tabulate(
-    problem: FitProblem, results: StudyResults, settings: list[dict[str, Any]]
-) -> pd.DataFrame:
-    """Return a row per start: first values, status, sum of squares and last values."""
-    rows = []
-    for case, first in zip(results.study.cases, settings, strict=True):
-        outcome = results.outcome(case)
-        row: dict[str, Any] = {f"first {name}": value for name, value in first.items()}
-        row |= {"status": outcome.status.kind, "reason": outcome.status.sentence}
-        text = outcome.values.get(format_output_column(_OUTPUT))
-        if outcome.status.success and text is not None:
-            end = json.loads(text)
-            row |= {
-                "status": end["status"],
-                "reason": end["reason"],
-                "chi-square": end["chi_square"],
-                "evaluations": end["evaluations"],
-            }
-            row |= dict(zip(problem.variables, end["values"], strict=True))
-        rows.append(row)
-    columns = [*rows[0], "chi-square", "evaluations", *problem.variables]
-    return pd.DataFrame(rows, columns=list(dict.fromkeys(columns)))

@@ -25,11 +25,10 @@ from beamdae.report.pictures.figures import (
     draw_panels,
 )
 from beamdae.report.tables import RESULT_COLUMNS, SOLVER_COLUMNS
+from beamdae.studies.case import Case
 from beamdae.studies.case_table import ACCURACY_COLUMNS, BOUND_COLUMN, ERROR_COLUMN
-from beamdae.studies.definition import Study
 from beamdae.studies.references import (
     RESOLUTION_FACTOR,
-    Reference,
     compute_deviations,
     number_duplicates,
 )
@@ -94,12 +93,22 @@ def create_study_page(
     )
     columns = [first, *inserted, *others]
     failures = int((table["status"] != "ok").sum())
+    notes = results.describe_warnings()
+    if results.references:
+        notes.append(
+            "Error: largest difference from the reference over all times and compared "
+            "columns, relative to half the range of each column. Errors below "
+            f"{RESOLUTION_FACTOR:g} times the uncertainty of the reference are upper "
+            "bounds; their markers are hollow."
+        )
+    if results.interrupted:
+        notes.append("The study was interrupted; run the study again to resume.")
     # All cases without a reference are in one group with the name of the study.
     group_without_reference = number_duplicates([*results.references, results.study.name])[-1]
     return describe_page(
         results.study.name,
         f"{len(table)} cases, {failures} failed",
-        _create_notes(results),
+        notes,
         groups=_create_groups(results, group_without_reference),
         columns=columns,
         cases=_create_cases(
@@ -118,30 +127,23 @@ def extra_column_key(name: str) -> str:
     return _EXTRA_COLUMN_PREFIX + name
 
 
-def _create_notes(results: StudyResults) -> list[str]:
-    notes = []
-    if results.references:
-        notes.append(
-            "Error: largest difference from the reference over all times and compared "
-            "columns, relative to half the range of each column. Errors below "
-            f"{RESOLUTION_FACTOR:g} times the uncertainty of the reference are upper "
-            "bounds; their markers are hollow."
-        )
-    if results.interrupted:
-        notes.append("The study was interrupted; run the study again to resume.")
-    return [*results.describe_warnings(), *notes]
-
-
 def _create_groups(results: StudyResults, group_without_reference: str) -> list[Content]:
     """Return the groups whose errors are computed and, if needed, one group for all other cases."""
     frames: dict[str, Any] = {}
     for case, group in zip(results.study.cases, results.table["group"], strict=True):
         # Only references record frames, which are valid for all runs of the same mechanism.
         frames[group] = frames.get(group) or results.frames_of(case)
-    groups: list[Content] = [
-        _create_group(name, reference, frames[name])
-        for name, reference in results.references.items()
-    ]
+    groups: list[Content] = []
+    for name, reference in results.references.items():
+        accepted = reference.table is not None
+        description = {
+            "uncertainty": reference.resolution if accepted else None,
+            "accepted": accepted,
+            # The page adds these words.
+            "sentence": reference.sentence.removeprefix("no reference, "),
+        }
+        moving = frames[name] if frames[name] and frames[name]["glyphs"] else None
+        groups.append({"id": name, "label": name, "reference": description, "frames": moving})
     if not set(frames) <= set(results.references):
         groups.append(
             {
@@ -153,21 +155,6 @@ def _create_groups(results: StudyResults, group_without_reference: str) -> list[
     return groups
 
 
-def _create_group(group: str, reference: Reference, frames: dict[str, Any] | None) -> Content:
-    accepted = reference.table is not None
-    return {
-        "id": group,
-        "label": group,
-        "reference": {
-            "uncertainty": reference.resolution if accepted else None,
-            "accepted": accepted,
-            # The page adds these words.
-            "sentence": reference.sentence.removeprefix("no reference, "),
-        },
-        "frames": frames if frames and frames["glyphs"] else None,
-    }
-
-
 def _create_cases(
     results: StudyResults,
     shown: pd.DataFrame,
@@ -176,26 +163,44 @@ def _create_cases(
     with_curves: set[int],
     is_stored: bool,
 ) -> list[Content]:
-    study, ranks = results.study, _rank_cases(results.study)
+    study = results.study
+
+    def sort_key(case: Case) -> tuple[str, float]:
+        # By series, and within each series from coarse to fine.
+        if study.over is not None:
+            return case.series, case.parameters[study.over]
+        return case.series, -case.integrator.accuracy.value
+
+    keys = list(map(sort_key, study.cases))
+    ranks = np.argsort(sorted(range(len(keys)), key=keys.__getitem__)).tolist()
     drawn = (case for k, case in enumerate(study.cases) if k in with_curves)
-    curves = filter(None, (results.outcome(case).rows for case in drawn))
-    max_rows = compute_row_limit(sum(len(x.headers) for x in curves))
+    trajectories = filter(None, (results.outcome(case).rows for case in drawn))
+    max_rows = compute_row_limit(sum(len(x.headers) for x in trajectories))
     rows = results.table.replace({np.nan: None}).astype(object).to_dict("records")
     values = shown.astype(object).where(shown.notna(), None).to_dict("records")
     cases: list[Content] = []
     for k, (case, row, cells) in enumerate(zip(study.cases, rows, values, strict=True)):
         group = str(row["group"])
-        has_reference = group in results.references
+        reference = results.references.get(group)
         status = str(row["reason"] or "ok")
         label = study.tag(case)
-        if not (has_reference or is_labeled_by_tag):
+        if reference is None and not is_labeled_by_tag:
             label = f"{group}, {case.label}"
         table = results.outcome(case).table if k in with_curves else None
+        curves = None
+        if table is not None:
+            columns = {TIME: table.index.to_numpy(), **{str(x): table[x].to_numpy() for x in table}}
+            error = None
+            exact = None if reference is None else reference.table
+            if reference is not None and exact is not None and set(reference.columns) <= set(table):
+                deviations = compute_deviations(table, exact, reference.columns)
+                error = deviations.max(axis=1).reindex(table.index).to_numpy()
+            curves = select_curves(columns, max_rows, error)
         cases.append(
             {
                 "id": str(k),
                 "rank": ranks[k],
-                "group": group if has_reference else group_without_reference,
+                "group": group_without_reference if reference is None else group,
                 "label": label,
                 "series": case.series,
                 "family": case.integrator.method,
@@ -205,38 +210,11 @@ def _create_cases(
                 "cost": row.get(WALL_TIME_COLUMN),
                 "below": bool(row.get("below resolution", False)),
                 "limited": row["status"] == "limited",
-                "curves": _create_curves(results, table, group, max_rows),
+                "curves": curves,
                 "file": row["trajectory"] if is_stored else "",
             }
         )
     return cases
-
-
-def _rank_cases(study: Study) -> list[int]:
-    """Rank the cases by series, and within each series from coarse to fine."""
-
-    def sort_key(k: int) -> tuple[str, float]:
-        case = study.cases[k]
-        if study.over is not None:
-            return case.series, case.parameters[study.over]
-        return case.series, -case.integrator.accuracy.value
-
-    order = sorted(range(len(study.cases)), key=sort_key)
-    return np.argsort(order).tolist()
-
-
-def _create_curves(
-    results: StudyResults, table: pd.DataFrame | None, group: str, max_rows: int
-) -> dict[str, Any] | None:
-    if table is None:
-        return None
-    reference = results.references.get(group)
-    exact = None if reference is None else reference.table
-    columns = {TIME: table.index.to_numpy(), **{str(x): table[x].to_numpy() for x in table}}
-    if reference is None or exact is None or not set(reference.columns) <= set(table):
-        return select_curves(columns, max_rows)
-    error = compute_deviations(table, exact, reference.columns).max(axis=1).reindex(table.index)
-    return select_curves(columns, max_rows, error.to_numpy())
 
 
 def list_plots(results: StudyResults) -> dict[str, Callable[[], Figure | None]]:

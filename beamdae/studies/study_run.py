@@ -347,9 +347,18 @@ def _evaluate_outcomes(
         else REFERENCE_NOT_RUN
         for group, methods in plan.methods.items()
     }
-    table = assemble_case_table(
-        [_create_row(plan, case, outcomes, references) for case in study.cases]
-    )
+    rows = []
+    for case in study.cases:
+        group = plan.group_by_case[id(case)]
+        outcome = outcomes.get(plan.task_by_case[id(case)].key, NOT_RUN)
+        try:
+            row = tabulate_case(case, group, outcome, references.get(group))
+        except BeamdaeError as problem:
+            failed = Outcome(Status("failed", str(problem)), outcome.values)
+            row = tabulate_case(case, group, failed, REFERENCE_NOT_RUN)
+        file = f"trajectories/{outcome.file}" if outcome.file else ""
+        rows.append(row | {"trajectory": file})
+    table = assemble_case_table(rows)
     frames = {
         task.mechanism_fingerprint: outcomes[task.key].frames
         for task in plan.tasks
@@ -366,16 +375,3 @@ def _evaluate_outcomes(
         interrupted=False,
         task_by_case=plan.task_by_case,
     )
-
-
-def _create_row(
-    plan: StudyPlan, case: Case, outcomes: dict[str, Outcome], references: dict[str, Reference]
-) -> dict[str, Any]:
-    group = plan.group_by_case[id(case)]
-    outcome = outcomes.get(plan.task_by_case[id(case)].key, NOT_RUN)
-    try:
-        row = tabulate_case(case, group, outcome, references.get(group))
-    except BeamdaeError as problem:
-        failed = Outcome(Status("failed", str(problem)), outcome.values)
-        row = tabulate_case(case, group, failed, REFERENCE_NOT_RUN)
-    return row | {"trajectory": f"trajectories/{outcome.file}" if outcome.file else ""}

@@ -16,7 +16,6 @@ from beamdae.analysis.periodic.period_map import PeriodRun
 from beamdae.report.pictures.analysis_plots import create_response_figure
 from beamdae.results.frequency_response import FrequencyResponse, ResponsePoint
 from beamdae.results.outcome import Status
-from beamdae.results.step_extremes import ColumnRange
 
 AMPLITUDE = 1e-4  # m or rad
 RUNS = bd.Radau(1e-5)
@@ -31,7 +30,7 @@ def run_with_columns(columns):
         columns=columns,
         warnings=(),
         equations=UNIT_LENGTH,
-        _column_ranges={k: ColumnRange(x.min(), x.max()) for k, x in columns.items()},
+        _column_ranges={k: (x.min(), x.max()) for k, x in columns.items()},
         _column_means={k: x.mean() for k, x in columns.items()},
     )
 

@@ -19,8 +19,8 @@ import beamdae as bd
 from beamdae.report.page.content import encode
 from beamdae.report.scene.mechanism_scene import (
     MAX_BEAM_SECTIONS,
-    CoordinatePoses,
     build_scene,
+    coordinate_poses,
     reference_poses,
 )
 from beamdae.report.scene.run_scene import build_run_scene, export_run_frames, frame_times
@@ -159,7 +159,7 @@ def test_a_drawing_equals_the_first_frame_of_an_animation():
         mech.add(make(mech, disk, beam))
         q = np.concatenate([part.initial_position for part in mech.parts.values()])
         drawing = build_scene(mech, reference_poses, np.zeros(1))
-        first_frame = build_scene(mech, CoordinatePoses(mech, q[None]), np.zeros(1))
+        first_frame = build_scene(mech, coordinate_poses(mech, q[None]), np.zeros(1))
         assert [g.part for g in drawing.glyphs] == [g.part for g in first_frame.glyphs]
         for (glyph, line), (_, other) in zip(drawing.lines(), first_frame.lines(), strict=True):
             # Rounding of angles of the axis and of derivatives of shape functions.
@@ -181,7 +181,7 @@ def test_springs_and_dampers_end_at_their_points_and_keep_their_width():
     mech.add(bd.Spring("spring", ends[0].point, ends[1].point, 1.0))
     mech.add(bd.Spring("damper", ends[0].point, ends[1].point, damping=1.0))
     q = np.array([(0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.5)])
-    scene = build_scene(mech, CoordinatePoses(mech, q), np.zeros(2))
+    scene = build_scene(mech, coordinate_poses(mech, q), np.zeros(2))
     lines = {glyph.kind: line for glyph, line in scene.lines()}
     for kind in ("spring", "damper"):
         finite = lines[kind][:, np.isfinite(lines[kind][0, :, 0])]
@@ -223,7 +223,7 @@ def test_symbols_follow_a_rigid_motion_of_the_mechanism(make):
         at = sum(len(x.coordinates) for x in list(mech.parts.values())[:first])
         displaced[at : at + 2] = move_rigidly(q[at : at + 2], angle, translation)
         displaced[at + 2] += angle
-    scene = build_scene(mech, CoordinatePoses(mech, np.array([q, displaced])), np.zeros(2))
+    scene = build_scene(mech, coordinate_poses(mech, np.array([q, displaced])), np.zeros(2))
     grounded = {
         part.name
         for part in mech.parts.values()

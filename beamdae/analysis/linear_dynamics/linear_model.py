@@ -61,7 +61,6 @@ _MAX_COORDINATES = 2000
 _NOISE_SHARE = float(np.sqrt(np.finfo(float).eps))
 # Smaller shares of the product of norms are rounding errors of the inverse.
 _NORM_SHARE = 10.0 * float(np.finfo(float).eps)
-_MAX_NAMES = 4  # of inputs or outputs in a message
 _FINITE_REMEDY = "or add a small positive number under a square root of zero"
 
 
@@ -431,7 +430,7 @@ def build_linear_model(model: Any, lin: Linearization, request: _Request) -> Lin
     for kind, names, are_finite, requested in undefined:
         if are_finite.all():
             continue
-        which = list_first([x for x, y in zip(names, are_finite, strict=True) if not y], _MAX_NAMES)
+        which = list_first([x for x, y in zip(names, are_finite, strict=True) if not y])
         reason = "the derivative is not finite at this state"
         if requested is not None:
             raise BeamdaeError(
@@ -500,7 +499,7 @@ def _resolve_inputs(
             raise BeamdaeError(
                 "linearize: there is no input "
                 f"{short_repr(name)}{suggest(name, choices)}; use the name of an input, force, "
-                f"moment or driver of the mechanism ({list_first(list(candidates), _MAX_NAMES)}), "
+                f"moment or driver of the mechanism ({list_first(list(candidates))}), "
                 "or of a column."
             )
         inputs += found

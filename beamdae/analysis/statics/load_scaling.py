@@ -39,7 +39,6 @@ Stages = tuple[tuple[str, ...], ...]
 _FACTOR_TOLERANCE = 1e-9
 # Step of the derivatives by a parameter, relative to its range.
 _DIFFERENCE = 1e-6
-_MAX_LISTED = 8  # loads in a message
 _LOADS_DESCRIPTION = "names of loads (or 'gravity'), or lists of such names, one per stage"
 
 
@@ -77,7 +76,7 @@ def resolve_load_stages(mechanism: Mechanism, loads: Any, caller: str = "equilib
             raise BeamdaeError(
                 f"{caller}: loads contain {short_repr(name)}, but no part has this "
                 f"name{suggest(name, candidates)}; use the name of a load"
-                f"{', such as ' * bool(default)}{list_first(default, _MAX_LISTED)}."
+                f"{', such as ' * bool(default)}{list_first(default)}."
             )
         part = mechanism.parts.get(name)
         if part is not None and (len(part.coordinates) or part.constraints()):

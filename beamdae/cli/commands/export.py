@@ -22,6 +22,7 @@ from beamdae.cli.output import require_writable
 from beamdae.cli.results import Report, ResultFiles
 
 _KILOBYTE = 1e3
+_LISTS = ("inputs", "parameters", "outputs", "platforms")
 
 
 def export_command(
@@ -82,6 +83,9 @@ def export_command(
     from beamdae.export.fmu import export_fmu
     from beamdae.report.descriptions import Description
 
+    named_platforms = None
+    if platforms is not None:
+        named_platforms = [] if platforms == "none" else split_names(platforms)
     result = export_fmu(
         model,
         fmu,
@@ -92,7 +96,7 @@ def export_command(
         parameters=split_names(parameters),
         fmi=fmi,
         start=job.start(start),
-        platforms=_parse_platforms(platforms),
+        platforms=named_platforms,
         real_time=real_time,
     )
     facts = {
@@ -106,21 +110,8 @@ def export_command(
         "size": f"{result.size / _KILOBYTE:.0f} kB",
     }
     data = {
-        "fmi": result.fmi,
-        "integrator": result.integrator,
-        "communication step": result.communication_step,
-        "inputs": list(result.inputs),
-        "parameters": list(result.parameters),
-        "outputs": list(result.outputs),
-        "platforms": list(result.platforms),
-        "size": result.size,
+        name.replace("_", " "): getattr(result, name)
+        for name in ("fmi", "integrator", "communication_step", *_LISTS, "size")
     }
     Report(model.name, Description(facts, data=lambda: data)).print()
     ResultFiles([result.path]).finish()
-
-
-def _parse_platforms(text: str | None) -> list[str] | None:
-    """Return the platforms of --platforms: none for "none", and None without this option."""
-    if text is None:
-        return None
-    return [] if text == "none" else split_names(text)

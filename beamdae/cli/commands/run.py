@@ -148,7 +148,11 @@ def run_command(
         return solution if earlier is None else earlier.followed_by(solution)
 
     def is_resumable(solution: Solution) -> bool:
-        return accuracy is None and can_resume(solution)
+        from beamdae.results.outcome import PILOT_RUN_SUFFIX
+
+        status, is_early = solution.status, solution.t[-1] < solution.model["t_end"]
+        is_pilot = PILOT_RUN_SUFFIX in status.sentence
+        return accuracy is None and not status.success and is_early and not is_pilot
 
     def write_tables(solution: Solution) -> list[Path]:
         from beamdae.simulation import unchecked
@@ -247,14 +251,6 @@ def load_earlier_run(path: Path, model: Model) -> Solution | None:
         return None
     earlier: Any = load_saved_run(path, equations)
     return earlier
-
-
-def can_resume(solution: Solution) -> bool:
-    """Return True if a run ended before its end time, but not during its pilot run."""
-    from beamdae.results.outcome import PILOT_RUN_SUFFIX
-
-    status, is_early = solution.status, solution.t[-1] < solution.model["t_end"]
-    return not status.success and is_early and PILOT_RUN_SUFFIX not in status.sentence
 
 
 def integrate_run(job: AccurateJob, integrator: Any, **settings: Any) -> Solution:

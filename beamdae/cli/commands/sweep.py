@@ -121,7 +121,7 @@ def _sweep_from_options(
     values = {name: parse_values(model, name, text) for name, text in ranges.items()}
     values |= {name: [value] for name, value in constants.items()}
     folder = results_folder_name("_".join([model.name, kind, *ranges]), constants)
-    return create_sweep(model, values, folder, (), integrator, measure=measure)
+    return create_sweep(model, values, folder, measure, integrator=integrator)
 
 
 def _create_measure(

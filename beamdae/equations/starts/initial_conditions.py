@@ -27,7 +27,6 @@ _RATE_SUFFIX = "_dot"
 _VELOCITY_TOLERANCE = 1e-8  # permitted relative rate of a gap, relative to `velocity_size`
 # A speed that differs less from that of the drivers, relative to it, was rounded to six digits.
 _MAX_SPEED_ROUNDING = 5e-6
-_MAX_NAMES = 4  # in a sentence
 
 
 def apply_initial_conditions(
@@ -92,7 +91,7 @@ def apply_initial_conditions(
     moving = [x.name for x in equations.parts if not x.is_state and np.any(equations.v0[x.rows])]
     if moving and (start == EQUILIBRIUM or isinstance(start, Rotation)):
         sentence = (
-            f"start: the given velocity of {list_first(moving, _MAX_NAMES)} is not used, because "
+            f"start: the given velocity of {list_first(moving)} is not used, because "
             f"the run starts in {request.description}; remove it, or use start= with velocities by "
             "name."
         )

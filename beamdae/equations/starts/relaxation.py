@@ -21,7 +21,6 @@ from beamdae.errors import BeamdaeError, list_first
 Array = np.ndarray
 
 # Step sizes, in units of `position_scales`.
-_MAX_NAMES = 3  # of parts with friction in a message
 _MAX_STEP = 0.2  # small enough to close the joints by Newton's method
 _MAX_TRAVEL_SIZES = 1e4  # limit of the travel to which steps are relative
 _MAX_GAP_RATIO = 0.5  # correction that closes the joints, relative to the step
@@ -270,7 +269,7 @@ def relax_to_equilibrium(
         return q, lam
     displacement = np.abs(q - begin)
     worst = int(np.argmax(displacement / e.position_scales))
-    sliding = list_first([*e.frictions], _MAX_NAMES)
+    sliding = list_first([*e.frictions])
     reason = f", because the friction of {sliding} is zero at rest" if sliding else ""
     raise BeamdaeError(
         f"{e.q_names[worst]}: no equilibrium was found under the loads at t = "

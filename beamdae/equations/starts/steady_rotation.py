@@ -46,7 +46,6 @@ STIFFNESS_ROUNDING = 1e-13
 _FORCE_TOLERANCE = 1e-8
 # Angle by which the mechanism is rotated to compare forces [rad].
 _TEST_ANGLE = 1.0
-_MAX_NAMES = 4  # of parts of a group without a joint
 # Distance from the bearing to the center, relative to the characteristic length, up to which a
 # rotor has no warning. For a blade of 0.9 m on a hub at 314 rad/s, 0.005 changes the first
 # frequency by 0.6 %, and 0.5 by 50 %.
@@ -168,7 +167,7 @@ def find_steady_rotation(
     if solution is None:
         cause, remedy = "", "check that the mechanism turns about this center, or use a lower speed"
         if free := find_free_groups(e, time, q):
-            names = "; ".join(list_first(group, _MAX_NAMES) for group in free)
+            names = "; ".join(list_first(group) for group in free)
             cause, remedy = (
                 f", because no joint or spring holds {names}",
                 "add a joint, such as a Weld",

@@ -38,8 +38,6 @@ and those of columns are optional. A page contains
 from __future__ import annotations
 
 import base64
-import json
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -47,6 +45,7 @@ import numpy as np
 
 from beamdae.equations.measures import DRIFT_COLUMNS, LEDGER_COLUMNS, TIME
 from beamdae.report.tables import table_of
+from beamdae.report.text import format_json
 from beamdae.results.columns import Header, observed_columns
 from beamdae.results.storage.files import versions
 
@@ -133,9 +132,7 @@ def encode(data: Any) -> str:
     Arrays are stored as 32-bit numbers in an object without a name. Numbers that are not finite
     are missing.
     """
-    return json.dumps(
-        _replace_nonfinite(data), default=_encode_array, allow_nan=False, separators=(",", ":")
-    )
+    return format_json(data, _encode_array, separators=(",", ":"))
 
 
 def _encode_array(values: Any) -> Any:
@@ -144,15 +141,6 @@ def _encode_array(values: Any) -> Any:
     with np.errstate(over="ignore"):
         numbers = values.astype("<f4").ravel()
     return {"": base64.b64encode(numbers.tobytes()).decode()}
-
-
-def _replace_nonfinite(value: Any) -> Any:
-    """Return plain values with None for nan and infinity, which JSON lacks."""
-    if isinstance(value, Mapping):
-        return {str(name): _replace_nonfinite(entry) for name, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_replace_nonfinite(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def describe_page(

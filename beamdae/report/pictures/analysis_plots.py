@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
@@ -93,7 +93,13 @@ def create_path_figure(
     if not chosen and abscissa is not None:
         chosen, abscissa = [abscissa], None
     columns = {**columns, header: factors}
-    is_unstable = _find_unstable_segments(equilibrium)
+    # Segments are drawn as unstable if one of their ends is not known to be stable. Critical
+    # points, which are neither stable nor unstable, are ignored unless both ends are critical.
+    is_known = ~np.isin(np.arange(len(factors)), [point.row for point in equilibrium.critical])
+    is_unstable = []
+    for k in range(max(len(factors) - 1, 1)):
+        ends, known = equilibrium.unstable[k : k + 2] != 0, is_known[k : k + 2]
+        is_unstable.append(bool(np.any(ends[known] if known.any() else ends)))
     stable, unstable = ({"color": COLORS[0], "lw": 1.2, "ls": x} for x in ("-", _UNSTABLE_DASHES))
     entries: dict[str, dict[str, Any]] = {} if all(is_unstable) else {"stable": stable}
     entries |= {"unstable": unstable} if any(is_unstable) else {}
@@ -104,29 +110,25 @@ def create_path_figure(
     for name in chosen:
         horizontal, vertical = (name, header) if abscissa is None else (abscissa, name)
         u, v = (np.asarray(columns[c]) for c in (horizontal, vertical))
-        lines = []
-        for dashed, segments in groupby(range(len(u) - 1), is_unstable.__getitem__):
-            rows = list(segments)
-            part = slice(rows[0], rows[-1] + 2)
-            lines.append((u[part], v[part], unstable if dashed else stable))
+        lines = _split_by_stability(u, v, is_unstable, (stable, unstable))
         lines += [(u[[row]], v[[row]], entries[kind]) for row, kind in marks.items()]
         panels.append(Panel("", vertical, lines, (horizontal, vertical)))
     return draw_panels(panels, title, entries if panels else {}, x_label=None)
 
 
-def _find_unstable_segments(equilibrium: Equilibrium) -> list[bool]:
-    """Return one boolean per segment between neighboring points: True if drawn as unstable.
+def _split_by_stability(
+    u: Array, v: Array, is_unstable: Sequence[bool], styles: Sequence[Mapping[str, Any]]
+) -> list[tuple[Any, Any, Mapping[str, Any]]]:
+    """Return a curve as lines whose segments are all stable or all unstable.
 
-    A segment is drawn as unstable if one of its ends is not known to be stable. Critical points,
-    which are neither stable nor unstable, are ignored unless both ends are critical.
+    `is_unstable` has one entry per segment, and `styles` are those of stable and unstable lines.
     """
-    unstable = equilibrium.unstable != 0
-    critical = {point.row for point in equilibrium.critical}
-    segments = []
-    for k in range(len(unstable) - 1):
-        ends = [row for row in (k, k + 1) if row not in critical] or [k, k + 1]
-        segments.append(bool(np.any(unstable[ends])))
-    return segments
+    lines = []
+    for unstable, segments in groupby(range(max(len(u) - 1, 1)), is_unstable.__getitem__):
+        rows = list(segments)
+        part = slice(rows[0], rows[-1] + 2)
+        lines.append((u[part], v[part], styles[unstable]))
+    return lines
 
 
 def mark_rows(equilibrium: Equilibrium) -> dict[int, str]:
@@ -179,15 +181,10 @@ def _create_response_panel(response: FrequencyResponse, column: str, x: str | No
     if x is not None:
         _, values = response.curve(x)
         horizontal = _label_half_range(response, x)
-    is_stable = np.array([point.stable for point in response.points], bool)
-    lines: list[tuple[Any, Any, dict[str, Any]]] = []
-    # Each line has the stability of its first point and extends to the start of the next line.
-    for rows in np.split(np.arange(len(values)), np.flatnonzero(np.diff(is_stable)) + 1):
-        if len(rows):
-            points = slice(rows[0], rows[-1] + 2)
-            dashes = "-" if is_stable[rows[0]] else "--"
-            style = {"color": COLORS[0], "lw": 1.6, "ls": dashes}
-            lines.append((values[points], amplitudes[points], style))
+    styles = [{"color": COLORS[0], "lw": 1.6, "ls": dashes} for dashes in ("-", "--")]
+    # A segment has the stability of its first point.
+    is_unstable = [not point.stable for point in response.points]
+    lines = _split_by_stability(values, amplitudes, is_unstable, styles)
     peaks = response.peaks(column) if x is None else ()
     lines += [([value], [amplitude], _PEAK) for value, amplitude in peaks]
     return Panel("", vertical, lines, (horizontal, vertical))

@@ -21,10 +21,8 @@ from beamdae.report.pictures.scene_artists import (
     padded_extent,
 )
 from beamdae.report.scene.run_scene import (
-    BeamColors,
     available_colors,
     build_run_scene,
-    choose_run_scale,
     export_frames,
     frame_times,
 )
@@ -76,55 +74,39 @@ def animate(
     if duration > 0.0:
         rate = float(np.clip((number - 1) / duration, _MIN_RATE, _MAX_RATE))
     times = frame_times(solution, number)
-    factor = 1.0 if scale is None else require_positive("animate", "scale", scale)
-    scene = build_run_scene("animate", solution, times, trail, factor)
-    if scale is None and (factor := choose_run_scale(solution, times, scene)) != 1.0:
-        scene = build_run_scene("animate", solution, times, trail, factor)
+    if scale is not None:
+        scale = require_positive("animate", "scale", scale)
+    scene = build_run_scene("animate", solution, times, trail, scale)
     if path is None:
-        data = export_frames(scene, times, available_colors(solution, times, color), factor)
+        data = export_frames(scene, times, available_colors(solution, times, color))
         return build_motion_player(scene, data, "", speed, color is not None)
     colors = None if color is None else available_colors(solution, times, color)[0]
-    captions = _format_captions(times, speed, factor, scene.caption)
-    return _save(path, scene, colors, captions, rate)
-
-
-def _format_captions(times: Array, speed: float, scale: float, heights: str) -> list[str]:
-    """Return captions with the times of the frames, with enough digits to distinguish them."""
-    step = float(times[-1] - times[0]) / (len(times) - 1)
-    digits = min(max(math.ceil(-math.log10(step)), 0), 9) if step > 0.0 else 3
-    suffix = "" if speed == 1.0 else f"   {speed:.3g} of real time"
-    suffix += "" if scale == 1.0 else f"   displacements \u00d7 {scale:.4g}"
-    suffix += f"   {heights}" if heights else ""
-    return [f"t = {time:.{digits}f} s{suffix}" for time in times]
-
-
-def _save(
-    path: str | Path, scene: Scene, colors: BeamColors | None, captions: list[str], rate: float
-) -> Path:
-    strip = 0.0 if colors is None else _COLOR_BAR_STRIP
-    figure, axis = create_bare_axis(padded_extent([scene]), strip)
+    figure, axis = create_bare_axis(
+        padded_extent([scene]), 0.0 if colors is None else _COLOR_BAR_STRIP
+    )
     artists, caption = SceneArtists(axis, scene, colors), add_caption(axis)
     if colors is not None:
-        _add_color_bar(figure, colors)
+        from matplotlib.cm import ScalarMappable
+
+        height = float(figure.get_size_inches()[1])
+        bar_axis = figure.add_axes((0.2, 0.36 / height, 0.6, 0.1 / height))
+        mappable = ScalarMappable(create_norm(colors), create_colormap(colors))
+        bar = figure.colorbar(mappable, cax=bar_axis, orientation="horizontal")
+        bar.outline.set_visible(False)
+        bar_axis.tick_params(labelsize=8, color="0.4", labelcolor="0.3", length=2)
+        bar_axis.locator_params(nbins=6)
+        bar_axis.set_title(colors.title, fontsize=8, color="0.3", pad=3)
+    # Enough digits to distinguish the times of the frames.
+    step = float(times[-1] - times[0]) / (len(times) - 1)
+    digits = min(max(math.ceil(-math.log10(step)), 0), 9) if step > 0.0 else 3
+    pace = "" if speed == 1.0 else f"{speed:.3g} of real time"
+    suffix = "".join(f"   {x}" for x in (pace, scene.caption) if x)
 
     def show(frame: int) -> list[Any]:
-        caption.set_text(captions[frame])
+        caption.set_text(f"t = {times[frame]:.{digits}f} s{suffix}")
         return [*artists.show(frame), caption]
 
-    return save_animation("animate", path, figure, show, len(captions), rate)
-
-
-def _add_color_bar(figure: Figure, colors: BeamColors) -> None:
-    from matplotlib.cm import ScalarMappable
-
-    height = float(figure.get_size_inches()[1])
-    axis = figure.add_axes((0.2, 0.36 / height, 0.6, 0.1 / height))
-    scale = ScalarMappable(create_norm(colors), create_colormap(colors))
-    bar = figure.colorbar(scale, cax=axis, orientation="horizontal")
-    bar.outline.set_visible(False)
-    axis.tick_params(labelsize=8, color="0.4", labelcolor="0.3", length=2)
-    axis.locator_params(nbins=6)
-    axis.set_title(colors.title, fontsize=8, color="0.3", pad=3)
+    return save_animation("animate", path, figure, show, len(times), rate)
 
 
 def save_animation(

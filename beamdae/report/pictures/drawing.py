@@ -10,10 +10,9 @@ import numpy as np
 
 from beamdae.errors import BeamdaeError, short_repr
 from beamdae.parts.mechanism import Mechanism
-from beamdae.report.pictures.figures import disable_math_text
+from beamdae.report.pictures.figures import disable_math_text, draw_grid
 from beamdae.report.pictures.scene_artists import SceneArtists
 from beamdae.report.scene.mechanism_scene import build_scene, reference_poses
-from beamdae.report.scene.scene import Scene
 from beamdae.report.text import shorten_text
 from beamdae.results.displays import Plot
 
@@ -82,29 +81,14 @@ def create_drawing(mechanism: Mechanism, size: tuple[float, float] | None = None
     BeamdaeError
         If the mechanism has no parts that can be drawn.
     """
-    scene = build_scene(mechanism, reference_poses, np.zeros(1))
-    low, high = scene.extent()
-    figure, axis = _create_axis(high - low, size)
-    SceneArtists(axis, scene)
-    if caption := scene.caption:
-        axis.set_title(caption, loc="right", fontsize=9, color="0.4", pad=2.0)
-    labels = _collect_labels(scene, _SHARED_LABEL_DISTANCE * float(np.max(high - low)))
-    if np.any(mechanism.gravity):
-        labels.append(_draw_gravity(mechanism.gravity, high, scene.size, axis))
-        high = np.add(high, (4.0 * scene.size, 0.0))
-    axis.dataLim.set_points(np.array([low, high]))
-    axis.margins(_SCENE_MARGIN)
-    axis.autoscale_view()
-    place_labels(axis, labels, _sample_lines(scene))
-    disable_math_text(figure)
-    return figure
-
-
-def _create_axis(extent: Array, size: tuple[float, float] | None) -> tuple[Figure, Any]:
+    # Imported here because importing Matplotlib takes longer than some commands.
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    relative_width, relative_height = extent / np.max(extent)
+    scene = build_scene(mechanism, reference_poses, np.zeros(1))
+    low, high = scene.extent()
+    extent = float(np.max(high - low))
+    relative_width, relative_height = (high - low) / extent
     height = _WIDTH * (relative_height + 0.25) / (relative_width + 0.25)
     width, height = size or (_WIDTH, float(np.clip(height, _MIN_HEIGHT, _MAX_HEIGHT)))
     figure = Figure(figsize=(width, height))
@@ -115,41 +99,40 @@ def _create_axis(extent: Array, size: tuple[float, float] | None) -> tuple[Figur
     )
     axis = figure.add_axes((_LEFT_MARGIN / width, _BOTTOM_MARGIN / height, *inner))
     axis.set_aspect("equal", adjustable="datalim")
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.set_xlabel("x [m]")
-    axis.set_ylabel("y [m]")
+    axis.set(xlabel="x [m]", ylabel="y [m]")
     axis.tick_params(labelsize=9)
-    axis.grid(color="0.93", lw=0.6)
+    draw_grid(axis)
     axis.set_axisbelow(True)
-    return figure, axis
-
-
-def _draw_gravity(gravity: Array, high: Array, size: float, axis: Any) -> tuple[Array, str]:
-    """Draw the gravity arrow right of the upper right corner; return its position and label."""
-    along = gravity / np.hypot(*gravity)
-    center = np.array([high[0] + 3.0 * size, high[1]])
-    start, end = center - 2.0 * size * along, center + 2.0 * size * along
-    style = {"arrowstyle": "-|>", "color": "0.55", "lw": 1.4, "shrinkA": 0.0, "shrinkB": 0.0}
-    axis.annotate("", tuple(end.tolist()), tuple(start.tolist()), arrowprops=style)
-    return center, f"{np.hypot(*gravity):g} m/s²"
-
-
-def _collect_labels(scene: Scene, distance: float) -> list[tuple[Array, str]]:
-    """Return positions and texts of labels, merging names of points closer than `distance`."""
+    SceneArtists(axis, scene)
+    if caption := scene.caption:
+        axis.set_title(caption, loc="right", fontsize=9, color="0.4", pad=2.0)
+    # Parts that are close to each other share a label.
     groups: list[tuple[Array, list[str]]] = []
     for row, name in scene.names:
         position = scene.poses[row, 0, :2]
-        for other, names in groups:
-            if np.hypot(*(position - other)) < distance:
-                names.append(shorten_text(name, _LABEL_LETTERS))
-                break
-        else:
-            groups.append((position, [shorten_text(name, _LABEL_LETTERS)]))
-    return [(position, "\n".join(names)) for position, names in groups]
-
-
-def _sample_lines(scene: Scene) -> Array:
-    """Return closely spaced points (k, 2) on the lines that labels must not cover."""
+        near = (
+            names
+            for other, names in groups
+            if np.hypot(*(position - other)) < _SHARED_LABEL_DISTANCE * extent
+        )
+        names = next(near, None)
+        if names is None:
+            groups.append((position, names := []))
+        names.append(shorten_text(name, _LABEL_LETTERS))
+    labels = [(position, "\n".join(names)) for position, names in groups]
+    if np.any(mechanism.gravity):
+        # An arrow right of the upper right corner.
+        gravity = float(np.hypot(*mechanism.gravity))
+        center = np.add(high, (3.0 * scene.size, 0.0))
+        arm = 2.0 * scene.size * mechanism.gravity / gravity
+        style = {"arrowstyle": "-|>", "color": "0.55", "lw": 1.4, "shrinkA": 0.0, "shrinkB": 0.0}
+        axis.annotate("", tuple(center + arm), tuple(center - arm), arrowprops=style)
+        labels.append((center, f"{gravity:g} m/s²"))
+        high = np.add(high, (4.0 * scene.size, 0.0))
+    axis.dataLim.set_points(np.array([low, high]))
+    axis.margins(_SCENE_MARGIN)
+    axis.autoscale_view()
+    # Closely spaced points on the lines that labels must not cover.
     samples = []
     for glyph, line in scene.lines():
         if glyph.kind not in _COVERABLE_KINDS:
@@ -158,7 +141,9 @@ def _sample_lines(scene: Scene) -> Array:
             samples.append(
                 np.stack([np.interp(at, range(len(points)), x) for x in points.T], axis=1)
             )
-    return np.concatenate(samples)
+    place_labels(axis, labels, np.concatenate(samples))
+    disable_math_text(figure)
+    return figure
 
 
 def place_labels(axis: Axes, labels: Sequence[tuple[Array, str]], obstacles: Array) -> None:

@@ -195,25 +195,6 @@ def draw_grid(axis: Axes) -> None:
     axis.spines[["top", "right"]].set_visible(False)
 
 
-def format_horizontal_axis(axis: Axes, header: str, vertical: str) -> None:
-    """Set label and ticks of an axis that shows the column `header` instead of time.
-
-    If both columns are coordinates of one point, such as "tip.x [m]" and "tip.y [m]", both axes
-    have equal scales.
-    """
-    from beamdae.report.pictures.tick_labels import format_ticks
-
-    axis.margins(x=0.05)
-    format_ticks(axis.xaxis)
-    if axis.get_xscale() == "linear":
-        axis.locator_params(axis="x", nbins=_MAX_HORIZONTAL_TICKS)
-    axis.set_xlabel(shorten_text(header, MAX_LABEL_LETTERS))
-    axis.xaxis.get_offset_text().set_fontsize(9)
-    columns = [Header.of(x) for x in (header, vertical)]
-    if columns[0].name == columns[1].name and {x.unit for x in columns} == {"m"}:
-        axis.set_aspect("equal", adjustable="datalim")
-
-
 class Panel(NamedTuple):
     """Lines over common axes.
 
@@ -247,7 +228,16 @@ def draw_panels(
     what: str = "columns",
     x_label: str | None = "t [s]",
 ) -> Figure:
-    """Create a figure of panels, see `create_panels`, with a common legend of `entries`."""
+    """Create a figure of panels, see `create_panels`.
+
+    If both columns of an abscissa are coordinates of one point, such as "tip.x [m]" and
+    "tip.y [m]", the axes have equal scales. The common legend contains the line styles of `entries`
+    by name.
+    """
+    from matplotlib.lines import Line2D
+
+    from beamdae.report.pictures.tick_labels import format_ticks
+
     figure, axes = create_panels(len(panels), title, what, x_label)
     for axis, panel in zip(axes, panels, strict=False):
         for x, y, style in panel.lines:
@@ -257,55 +247,50 @@ def draw_panels(
         axis.set(xscale=panel.scales[0], yscale=panel.scales[1])
         format_axis(axis, shorten_text(panel.title, _PANEL_TITLE_LETTERS), panel.label)
         if panel.abscissa is not None:
-            format_horizontal_axis(axis, *panel.abscissa)
+            axis.margins(x=0.05)
+            format_ticks(axis.xaxis)
+            if axis.get_xscale() == "linear":
+                axis.locator_params(axis="x", nbins=_MAX_HORIZONTAL_TICKS)
+            axis.set_xlabel(shorten_text(panel.abscissa[0], MAX_LABEL_LETTERS))
+            axis.xaxis.get_offset_text().set_fontsize(9)
+            columns = [Header.of(x) for x in panel.abscissa]
+            if columns[0].name == columns[1].name and {x.unit for x in columns} == {"m"}:
+                axis.set_aspect("equal", adjustable="datalim")
         if panel.legend:
-            _add_panel_legend(axis, panel.legend)
+            # Above the upper right corner of the axes, where it covers no curve.
+            legend = axis.legend(
+                axis.lines,
+                [""] * len(panel.legend),
+                loc="lower right",
+                bbox_to_anchor=(1.02, 0.97),
+                frameon=False,
+                fontsize=8,
+                ncols=min(len(panel.legend), _PANEL_LEGEND_COLUMNS),
+                handlelength=1.2,
+                columnspacing=1.0,
+            )
+            set_legend_names(legend, [shorten_text(x, _PANEL_LEGEND_LETTERS) for x in panel.legend])
     if entries:
-        add_legend(figure, entries)
+        # Below the panels, by which the figure becomes higher.
+        width = figure.get_figwidth()
+        letters = int((width - _LEGEND_LINE_WIDTH) / _LEGEND_LETTER_WIDTH)
+        names = [shorten_text(name, min(_LEGEND_ENTRY_LETTERS, letters)) for name in entries]
+        widest = _LEGEND_LETTER_WIDTH * max(map(len, names)) + _LEGEND_LINE_WIDTH
+        ncols = max(1, min(len(names), int(width / widest)))
+        rows = math.ceil(len(names) / ncols)
+        figure.set_figheight(figure.get_figheight() + _LEGEND_ROW_HEIGHT * rows)
+        legend = figure.legend(
+            handles=[Line2D([], [], **style) for style in entries.values()],
+            labels=[""] * len(names),
+            loc="outside lower center",
+            ncols=ncols,
+            frameon=False,
+            fontsize=8,
+            handlelength=3.0,
+        )
+        set_legend_names(legend, names)
     disable_math_text(figure)
     return figure
-
-
-def _add_panel_legend(axis: Axes, labels: Sequence[str]) -> None:
-    """Add a legend above the upper right corner of the axes, where it covers no curve."""
-    legend = axis.legend(
-        axis.lines,
-        [""] * len(labels),
-        loc="lower right",
-        bbox_to_anchor=(1.02, 0.97),
-        frameon=False,
-        fontsize=8,
-        ncols=min(len(labels), _PANEL_LEGEND_COLUMNS),
-        handlelength=1.2,
-        columnspacing=1.0,
-    )
-    set_legend_names(legend, [shorten_text(label, _PANEL_LEGEND_LETTERS) for label in labels])
-
-
-def add_legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None:
-    """Add a legend below the panels and increase the height of the figure accordingly.
-
-    `entries` contains the line style of each entry by name.
-    """
-    from matplotlib.lines import Line2D
-
-    width = figure.get_figwidth()
-    letters = int((width - _LEGEND_LINE_WIDTH) / _LEGEND_LETTER_WIDTH)
-    names = [shorten_text(name, min(_LEGEND_ENTRY_LETTERS, letters)) for name in entries]
-    widest = _LEGEND_LETTER_WIDTH * max(map(len, names), default=1) + _LEGEND_LINE_WIDTH
-    columns = max(1, min(len(names), int(width / widest)))
-    rows = math.ceil(len(names) / columns)
-    figure.set_figheight(figure.get_figheight() + _LEGEND_ROW_HEIGHT * rows)
-    legend = figure.legend(
-        handles=[Line2D([], [], **style) for style in entries.values()],
-        labels=[""] * len(names),
-        loc="outside lower center",
-        ncols=columns,
-        frameon=False,
-        fontsize=8,
-        handlelength=3.0,
-    )
-    set_legend_names(legend, names)
 
 
 def set_legend_names(legend: Legend, names: Sequence[str]) -> None:

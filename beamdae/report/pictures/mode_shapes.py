@@ -13,7 +13,6 @@ from beamdae.analysis.linear_dynamics.campbell_diagram import Campbell
 from beamdae.analysis.linear_dynamics.natural_modes import Modes
 from beamdae.analysis.statics.linear_buckling import Buckling
 from beamdae.errors import BeamdaeError, require_count
-from beamdae.parts.mechanism import Mechanism
 from beamdae.report.pictures.animations import MAX_FRAMES, build_motion_player, save_animation
 from beamdae.report.pictures.figures import (
     COLORS,
@@ -31,11 +30,11 @@ from beamdae.report.pictures.scene_artists import (
     show_region,
 )
 from beamdae.report.scene.mechanism_scene import (
-    CoordinatePoses,
-    VibrationPoses,
     build_scene,
     collect_drawings,
+    coordinate_poses,
     count_beam_sections,
+    vibration_poses,
 )
 from beamdae.report.scene.run_scene import FRAMES_PER_PERIOD, export_frames
 from beamdae.report.scene.scene import Poses, Scene
@@ -66,21 +65,28 @@ class ModeScenes:
     """Scenes of modes about a state, all scaled to the same largest displacement."""
 
     def __init__(self, name: str, modes: Modes | Buckling) -> None:
-        self._modes, self._mechanism = modes, _require_drawable(name, modes)
-        self.rest = self._build(CoordinatePoses(self._mechanism, modes.q[None]), 1)
+        if modes.mechanism is None or not len(modes):
+            raise BeamdaeError(
+                f"{name}: there are no modes, or the modes belong to a system without a mechanism; "
+                "only modes of mechanisms can be drawn."
+            )
+        if not collect_drawings(modes.mechanism, 2):
+            raise BeamdaeError(f"{name}: the mechanism has no parts that can be drawn; add a body.")
+        self._modes, self._mechanism = modes, modes.mechanism
+        self.rest = self._build(coordinate_poses(self._mechanism, modes.q[None]), 1)
         low, high = self.rest.extent()
         self._amplitude = _RELATIVE_AMPLITUDE * (float(np.max(high - low)) or 1.0)
 
     def vibrating(self, k: int, phases: Array) -> Scene:
         """Return the scene of mode `k`, with one frame per complex phase."""
         mechanism, q, shape = self._mechanism, self._modes.q, self._modes.shapes[k]
-        poses = VibrationPoses(mechanism, q, shape, np.array([0.0, 1.0, 1j]))
+        poses = vibration_poses(mechanism, q, shape, np.array([0.0, 1.0, 1j]))
         drawings = collect_drawings(mechanism, count_beam_sections(mechanism))
         positions = [poses(drawing.places)[..., :2] for _, drawing in drawings]
         rest, real, imaginary = np.concatenate(positions, axis=1)
         largest = float(np.max(np.hypot(real - rest, imaginary - rest)))
         scale = self._amplitude / largest if largest > 0.0 else 0.0
-        return self._build(VibrationPoses(mechanism, q, scale * shape, phases), len(phases))
+        return self._build(vibration_poses(mechanism, q, scale * shape, phases), len(phases))
 
     def _build(self, poses: Poses, frames: int) -> Scene:
         return build_scene(
@@ -108,19 +114,11 @@ def export_modes(
     ]
 
 
-def _require_drawable(name: str, modes: Any) -> Mechanism:
-    if modes.mechanism is None or not len(modes):
-        raise BeamdaeError(
-            f"{name}: there are no modes, or the modes belong to a system without a mechanism; "
-            "only modes of mechanisms can be drawn."
-        )
-    if not collect_drawings(modes.mechanism, 2):
-        raise BeamdaeError(f"{name}: the mechanism has no parts that can be drawn; add a body.")
-    return modes.mechanism
-
-
 def create_modes_figure(modes: Modes | Buckling, title: str = "") -> Figure | None:
     """Create a figure with up to twelve mode shapes; see `HasModeShapes.plot`."""
+    # Imported here because importing Matplotlib takes longer than some commands.
+    from matplotlib.figure import Figure
+
     if modes.mechanism is None or not len(modes):
         return None
     scenes = ModeScenes("plot", modes)
@@ -135,7 +133,8 @@ def create_modes_figure(modes: Modes | Buckling, title: str = "") -> Figure | No
     size = (max(_PANEL_WIDTH * columns, 5.0), (panel_height + _PANEL_TITLE_HEIGHT) * rows + 0.5)
     heights = scenes.rest.caption
     title = title or f"modes about {modes.about}"
-    figure = _create_figure(size, f"{title}, {heights}" if heights else title)
+    figure = Figure(figsize=size, layout="constrained")
+    figure.suptitle(wrap_title(f"{title}, {heights}" if heights else title), fontsize=11)
     for k, scene in enumerate(panels):
         axis = figure.add_subplot(rows, columns, k + 1)
         show_region(axis, corners)
@@ -250,12 +249,3 @@ _LABEL: dict[str, Any] = {
     "fontsize": 8,
     "parse_math": False,
 }
-
-
-def _create_figure(size: tuple[float, float], title: str) -> Figure:
-    # Imported here because importing Matplotlib takes longer than some commands.
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=size, layout="constrained")
-    figure.suptitle(wrap_title(title), fontsize=11)
-    return figure

@@ -108,7 +108,16 @@ def plot(
     >>> runs = [bd.simulate(mech, method, t_end=0.1) for method in (bd.Ida(), bd.Radau())]
     >>> path = bd.plot(runs, "ball.y").save("ball.png")
     """
-    runs = _require_runs(solutions)
+    runs: list[TimeSeries] = [solutions]
+    if not isinstance(solutions, TimeSeries):
+        runs = require_sequence("plot", "solutions", solutions, "a solution or several")
+    for run in runs:
+        if not isinstance(run, TimeSeries):
+            raise BeamdaeError(
+                f"plot: each entry of solutions must be a solution, got {short_repr(run)}."
+            )
+    if not runs:
+        raise BeamdaeError("plot: solutions must contain at least one solution, got none.")
     run_labels = _require_labels(runs, labels)
     tables = [merge_columns(run.all_columns(), run.coordinate_columns()) for run in runs]
     observed = list(runs[0].all_columns())
@@ -130,8 +139,14 @@ def create_figure(
         columns = characteristic_columns({c: first[c] for c in candidates})
         columns = columns or candidates[:_MAX_FALLBACK_COLUMNS]
     experiments = dict.fromkeys(name for measured in points.values() for name in measured)
-    markers = {name: _marker_style(k) for k, name in enumerate(experiments)}
-    styles = dict(zip(tables, _line_styles(len(tables)), strict=True))
+    marker: dict[str, Any] = {"color": _DATA_COLOR, "ls": "", "ms": 3.5, "mfc": "none"}
+    # Small, translucent and behind the curves.
+    dots = {"ms": 2.0, "mfc": _DATA_COLOR, "mew": 0.0, "alpha": 0.35, "zorder": 1.9}
+    shapes = zip(experiments, cycle(_DATA_MARKERS), strict=False)
+    markers = {name: {**marker, "marker": shape} for name, shape in shapes}
+    # The numbers of colors and dashes are coprime, so that all their pairs occur.
+    pairs = zip(tables, cycle(COLORS), cycle(DASHES), strict=False)
+    styles = {name: {"color": color, "ls": dash, "lw": 1.4} for name, color, dash in pairs}
     panels = []
     for column in columns:
         lines: list[tuple[Any, Any, dict[str, Any]]] = []
@@ -144,8 +159,7 @@ def create_figure(
         measured = points.get(column, {})
         is_dense = sum(len(values) for _, values in measured.values()) > _MAX_DATA_MARKERS
         for experiment, (u, v) in measured.items():
-            style = markers[experiment]
-            lines.append((u, v, _as_dots(style) if is_dense else style))
+            lines.append((u, v, markers[experiment] | (dots if is_dense else {})))
         over = None if abscissa == TIME else (abscissa, column)
         panels.append(Panel(remove_unit(column), f"[{Header.of(column).unit}]", lines, over))
     entries: dict[str, dict[str, Any]] = dict(styles) if len(tables) > 1 or points else {}
@@ -211,15 +225,24 @@ def select_plot(
         return select_columns(headers, name, observed=observed, part="plot")
 
     abscissa = TIME if x is None else require_one_column("plot", x, select(x))
-    measured = None if data is None else _read_measured(data, headers, data_columns)
-    measured_columns = [] if measured is None else list(measured["column"].unique())
+    measured_columns: list[str] = []
+    if data is not None:
+        from beamdae.analysis.fit import data as fit_data
+
+        given = fit_data.read_measurements("plot", data, data_columns)
+        matched, unknown = fit_data.match_columns(
+            "plot", given, dict.fromkeys(given.experiments, headers)
+        )
+        if given.is_file:
+            fit_data.warn_of_columns("plot", given, matched, unknown, "the run does not have")
+        measured_columns = list(matched.table["column"].unique())
     present = [x for x in measured_columns if x != abscissa]
     columns = list(dict.fromkeys(c for name in names or present for c in select(name)))
     # The name of an observable selects the abscissa, too.
     columns = [c for c in columns if x is None or c != abscissa] or columns
     points = {}
-    if measured is not None:
-        points = {column: _pair_with(abscissa, column, measured) for column in columns}
+    if data is not None:
+        points = {column: _pair_with(abscissa, column, matched.table) for column in columns}
     if data is not None and not any(points.values()):
         plotted = f"one of the plotted columns ({', '.join(columns)})" if columns else "a column"
         raise BeamdaeError(
@@ -233,21 +256,6 @@ def select_plot(
             "coordinates."
         )
     return PlotSelection(abscissa, columns, points)
-
-
-def _read_measured(
-    data: Any, headers: Sequence[str], data_columns: Mapping[str, str] | None
-) -> pd.DataFrame:
-    """Return the long table of measured values whose columns a run contains."""
-    from beamdae.analysis.fit import data as fit_data
-
-    measured = fit_data.read_measurements("plot", data, data_columns)
-    matched, unknown = fit_data.match_columns(
-        "plot", measured, dict.fromkeys(measured.experiments, headers)
-    )
-    if measured.is_file:
-        fit_data.warn_of_columns("plot", measured, matched, unknown, "the run does not have")
-    return matched.table
 
 
 def _pair_with(
@@ -264,39 +272,6 @@ def _pair_with(
             x = values.index if abscissa == TIME else others[values.index]
             pairs[str(experiment)] = x.to_numpy(), values.to_numpy()
     return pairs
-
-
-def _marker_style(number: int) -> dict[str, Any]:
-    """Return the style of measured values of an experiment."""
-    marker = _DATA_MARKERS[number % len(_DATA_MARKERS)]
-    return {"color": _DATA_COLOR, "ls": "", "marker": marker, "ms": 3.5, "mfc": "none"}
-
-
-def _as_dots(style: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a marker style of dense data: small, translucent and behind the curves."""
-    return {**style, "ms": 2.0, "mfc": _DATA_COLOR, "mew": 0.0, "alpha": 0.35, "zorder": 1.9}
-
-
-def _line_styles(count: int) -> list[dict[str, Any]]:
-    """Return a line style for each of `count` runs; the styles repeat after 28 runs.
-
-    The numbers of colors and dashes are coprime, so that all their pairs occur.
-    """
-    pairs = zip(range(count), cycle(COLORS), cycle(DASHES), strict=False)
-    return [{"color": color, "ls": dash, "lw": 1.4} for _, color, dash in pairs]
-
-
-def _require_runs(solutions: Any) -> list[TimeSeries]:
-    runs = [solutions] if isinstance(solutions, TimeSeries) else None
-    runs = runs or require_sequence("plot", "solutions", solutions, "a solution or several")
-    for run in runs:
-        if not isinstance(run, TimeSeries):
-            raise BeamdaeError(
-                f"plot: each entry of solutions must be a solution, got {short_repr(run)}."
-            )
-    if not runs:
-        raise BeamdaeError("plot: solutions must contain at least one solution, got none.")
-    return runs
 
 
 def _require_labels(runs: Sequence[TimeSeries], labels: Any) -> list[str]:

@@ -44,6 +44,13 @@ _VISIBLE_HEIGHT = 0.025
 # larger than the pin of a joint at the same point.
 _PARTICLE_RADIUS = 0.42
 _SINGLE_POINT_RADIUS = 0.28
+# Largest displacements relative to the size of the mechanism: those that are visible, those of
+# enlarged motions, and those that may be rounding noise.
+_VISIBLE_RATIO = 0.01
+_ENLARGED_RATIO = 0.12
+_NOISE_RATIO = 1e-7
+# [rad]; enlarged motions of rotating bodies stretch rigid bodies by 0.5 % and beams by 4 %.
+_MAX_ENLARGED_ROTATION = {"beam": 0.3, "rigid": 0.1}
 
 
 def reference_poses(attachments: Sequence[Attachment]) -> Array:
@@ -52,49 +59,29 @@ def reference_poses(attachments: Sequence[Attachment]) -> Array:
     return np.array(poses, float).reshape(1, -1, 3)
 
 
-class CoordinatePoses:
-    """Poses of a mechanism at given coordinates, one frame per row.
+def coordinate_poses(mechanism: Mechanism, q: Array) -> Poses:
+    """Return the poses of a mechanism at coordinates q (frames, n), one frame per row."""
+    coordinates = map_coordinates(mechanism)
 
-    Parameters
-    ----------
-    mechanism
-        The mechanism.
-    q
-        Coordinates (frames, n) of the mechanism.
-    """
-
-    def __init__(self, mechanism: Mechanism, q: Array) -> None:
-        self._coordinates, self._q = map_coordinates(mechanism), q
-
-    def __call__(self, attachments: Sequence[Attachment]) -> Array:
-        """Return the poses, (frames, attachments, 3)."""
-        poses = np.repeat(reference_poses(attachments), len(self._q), axis=0)
+    def poses(attachments: Sequence[Attachment]) -> Array:
+        result = np.repeat(reference_poses(attachments), len(q), axis=0)
         bodies: dict[int, list[int]] = {}
         for k, attachment in enumerate(attachments):
             # Attachments without coordinates stay at their reference position.
             if attachment.size:
                 bodies.setdefault(id(attachment.body), []).append(k)
         for members in bodies.values():
-            q = self._q[:, self._coordinates.slice_of(attachments[members[0]].body)]
+            of_body = q[:, coordinates.slice_of(attachments[members[0]].body)]
             functions = [
                 (attachments[k].operator, attachments[k].checked_kinematics) for k in members
             ]
-            at_rest = np.zeros_like(q)
-            poses[:, members] = evaluate_sections(
-                position_and_angle, functions, q, at_rest, at_rest
+            at_rest = np.zeros_like(of_body)
+            result[:, members] = evaluate_sections(
+                position_and_angle, functions, of_body, at_rest, at_rest
             )
-        return poses
+        return result
 
-
-class EnlargedPoses:
-    """Poses whose differences from the first frame are multiplied by a factor."""
-
-    def __init__(self, poses: Poses, scale: float) -> None:
-        self._poses, self._scale = poses, scale
-
-    def __call__(self, attachments: Sequence[Attachment]) -> Array:
-        """Return the poses, (frames, attachments, 3)."""
-        return enlarge(self._poses(attachments), self._scale)
+    return poses
 
 
 def enlarge(values: Array, scale: float) -> Array:
@@ -102,8 +89,8 @@ def enlarge(values: Array, scale: float) -> Array:
     return values[:1] + scale * (values - values[:1])
 
 
-class VibrationPoses:
-    """Poses of a small vibration about a state, one frame per phase.
+def vibration_poses(mechanism: Mechanism, q: Array, shape: Array, phases: Array) -> Poses:
+    """Return the poses of a small vibration about a state, one frame per phase.
 
     The pose p(q) of an attachment becomes p(q) + Re(phase * dp/dq . shape).
 
@@ -118,18 +105,16 @@ class VibrationPoses:
     phases
         Complex phases, one per frame.
     """
+    step = _DIFFERENCE_STEP / max(float(np.max(np.abs(shape))), _SMALLEST_SHAPE)
+    ends = [step * s for s in (shape.real, -shape.real, shape.imag, -shape.imag)]
+    displaced = coordinate_poses(mechanism, np.concatenate([q[None], q + ends]))
 
-    def __init__(self, mechanism: Mechanism, q: Array, shape: Array, phases: Array) -> None:
-        self._step = _DIFFERENCE_STEP / max(float(np.max(np.abs(shape))), _SMALLEST_SHAPE)
-        ends = [self._step * s for s in (shape.real, -shape.real, shape.imag, -shape.imag)]
-        self._displaced = CoordinatePoses(mechanism, np.concatenate([q[None], q + ends]))
-        self._phases = phases
+    def poses(attachments: Sequence[Attachment]) -> Array:
+        rest, *at_ends = displaced(attachments)
+        slope = (at_ends[0] - at_ends[1] + 1j * (at_ends[2] - at_ends[3])) / (2.0 * step)
+        return rest + (slope * phases[:, None, None]).real
 
-    def __call__(self, attachments: Sequence[Attachment]) -> Array:
-        """Return the poses, (frames, attachments, 3)."""
-        rest, *ends = self._displaced(attachments)
-        slope = (ends[0] - ends[1] + 1j * (ends[2] - ends[3])) / (2.0 * self._step)
-        return rest + (slope * self._phases[:, None, None]).real
+    return poses
 
 
 def build_scene(
@@ -139,6 +124,7 @@ def build_scene(
     measure: Measure | None = None,
     is_hidden: Callable[[Part], bool] = lambda part: False,
     name: str = "draw",
+    scale: float | None = 1.0,
 ) -> Scene:
     """Return the scene of a mechanism.
 
@@ -152,13 +138,22 @@ def build_scene(
         Function that returns True for parts whose symbols are not drawn. Bodies are always drawn.
     name
         Name of the calling function, used in error messages.
+    scale
+        Factor of the displacements from the first frame; None for one that makes them visible, see
+        `choose_scale`.
 
     Raises
     ------
     BeamdaeError
         If the mechanism has no parts that can be drawn.
     """
-    builder = SceneBuilder(poses, times, measure)
+    if scale is None:
+        scene = build_scene(mechanism, poses, times, measure, is_hidden, name)
+        scale = choose_scale(mechanism, poses, scene)
+        if scale == 1.0:
+            return scene
+    shown = poses if scale == 1.0 else lambda attachments: enlarge(poses(attachments), scale)
+    builder = SceneBuilder(shown, times, measure)
     drawings = collect_drawings(mechanism, count_beam_sections(mechanism))
     bodies = [(body, drawing) for body, drawing in drawings if drawing.kind != "ground"]
     lines = [builder.positions(drawing.places) for _, drawing in bodies]
@@ -180,7 +175,36 @@ def build_scene(
         if part.name not in body_names and not is_hidden(part):
             builder.part = part.name
             draw_symbol(part, builder)
-    return builder.build(caption)
+    captions = [f"displacements \u00d7 {scale:.4g}" if scale != 1.0 else "", caption]
+    return builder.build(", ".join(filter(None, captions)), scale)
+
+
+def choose_scale(mechanism: Mechanism, poses: Poses, scene: Scene) -> float:
+    """Return the factor of displacements that makes the motion of these poses visible.
+
+    It is 1 if the largest displacement from the first frame exceeds 1 % of the size of the scene,
+    if the motion is so small that it may be rounding noise, and if there are contacts: gaps between
+    bodies and surfaces are not enlarged. Enlarged rotations are at most 0.3 rad for sections of
+    beams and 0.1 rad for rigid bodies, because points of a rotating body move along straight lines
+    in enlarged motions.
+    """
+    if any(part.symbol == "contact" for part in mechanism.parts.values()):
+        return 1.0
+    drawings = collect_drawings(mechanism, count_beam_sections(mechanism))
+    moving = [drawing for _, drawing in drawings if drawing.kind != "ground"]
+    places = [x for drawing in moving for x in drawing.places]
+    limits = [_MAX_ENLARGED_ROTATION.get(x.kind, np.inf) for x in moving for _ in x.places]
+    places_over_time = poses(places)
+    x, y, rotations = np.moveaxis(places_over_time - places_over_time[:1], -1, 0)
+    low, high = scene.extent()
+    ratio = float(np.nanmax(np.hypot(x, y), initial=0.0) / np.max(high - low))
+    if not _NOISE_RATIO < ratio < _VISIBLE_RATIO:
+        return 1.0
+    scale = _ENLARGED_RATIO / ratio
+    rotation = float(np.nanmax(np.abs(rotations) / limits, initial=0.0))  # relative to its limit
+    if scale * rotation > 1.0:
+        scale = max(1.0 / rotation, 1.0)
+    return round_down_scale(scale)
 
 
 def collect_drawings(mechanism: Mechanism, points: int) -> list[tuple[str, Drawing]]:
@@ -189,17 +213,15 @@ def collect_drawings(mechanism: Mechanism, points: int) -> list[tuple[str, Drawi
     Beams are drawn through `points` sections; for other bodies, see their `Part.draw`.
     """
     parts = list(mechanism.parts.values())
-    drawings = [
-        (part.name, part.draw(_collect_attachments(parts, part), points))
-        for part in (mechanism.ground, *parts)
-    ]
-    return [(name, x) for name, x in drawings if x is not None and x.places]
-
-
-def _collect_attachments(parts: list[Part], body: Part) -> list[Attachment]:
-    """Return the attachments of all parts to a body, without repeated points."""
-    attachments = [a for part in parts for a in part.attachments if a.body is body]
-    return list({attachment.point: attachment for attachment in attachments}.values())
+    drawings = []
+    for body in (mechanism.ground, *parts):
+        # Attachments of all parts to the body, without repeated points.
+        attachments = (a for part in parts for a in part.attachments if a.body is body)
+        places = list({a.point: a for a in attachments}.values())
+        drawing = body.draw(places, points)
+        if drawing is not None and drawing.places:
+            drawings.append((body.name, drawing))
+    return drawings
 
 
 def count_beam_sections(mechanism: Mechanism) -> int:
@@ -235,7 +257,19 @@ def _collect_heights(
 def _draw_body(drawing: Drawing, line: Array, builder: SceneBuilder) -> None:
     attachments = drawing.places
     if drawing.kind == "rigid" and len({id(a.body) for a in attachments}) == 1:
-        _draw_rigid_body(attachments, builder)
+        # A closed outline through the attachments, a line for two, or a circle for one.
+        row = builder.add_attachment(attachments[0])
+        points = np.array([a.point for a in attachments]) - attachments[0].point
+        if len(points) > 1:
+            polygon = points[[*range(len(points)), *([0] if len(points) > 2 else [])]]
+            builder.add_rigid("rigid", row, polygon / builder.size)
+        else:
+            builder.add_rigid("joint", row, circle(_SINGLE_POINT_RADIUS))
+        arm, center = points.mean(axis=0), builder.pose(row).copy()
+        c, s = np.cos(center[:, 2]), np.sin(center[:, 2])
+        center[:, 0] += c * arm[0] - s * arm[1]
+        center[:, 1] += s * arm[0] + c * arm[1]
+        builder.add_name(builder.add_pose(center))
     elif drawing.kind == "point":
         row = builder.add_attachment(attachments[0])
         builder.add_rigid("point", row, circle(_PARTICLE_RADIUS))
@@ -243,19 +277,3 @@ def _draw_body(drawing: Drawing, line: Array, builder: SceneBuilder) -> None:
     else:
         builder.add_curve(drawing.kind, line)
         builder.add_name(builder.add_attachment(attachments[len(attachments) // 2]))
-
-
-def _draw_rigid_body(attachments: Sequence[Attachment], builder: SceneBuilder) -> None:
-    """Draw a closed outline through the attachments, a line for two, or a circle for one."""
-    row, points = builder.add_attachment(attachments[0]), np.array([a.point for a in attachments])
-    points = points - points[0]
-    if len(points) > 1:
-        polygon = points[[*range(len(points)), *([0] if len(points) > 2 else [])]]
-        builder.add_rigid("rigid", row, polygon / builder.size)
-    else:
-        builder.add_rigid("joint", row, circle(_SINGLE_POINT_RADIUS))
-    arm, center = points.mean(axis=0), builder.pose(row).copy()
-    c, s = np.cos(center[:, 2]), np.sin(center[:, 2])
-    center[:, 0] += c * arm[0] - s * arm[1]
-    center[:, 1] += s * arm[0] + c * arm[1]
-    builder.add_name(builder.add_pose(center))

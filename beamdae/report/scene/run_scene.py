@@ -25,12 +25,9 @@ from beamdae.errors import (
     short_repr,
     suggest,
 )
-from beamdae.parts.mechanism import Mechanism
 from beamdae.report.scene.mechanism_scene import (
-    CoordinatePoses,
-    EnlargedPoses,
     build_scene,
-    collect_drawings,
+    coordinate_poses,
     count_beam_sections,
     enlarge,
 )
@@ -38,10 +35,8 @@ from beamdae.report.scene.scene import (
     Glyph,
     Measure,
     MovingCurve,
-    Poses,
     Scene,
     find_layer,
-    round_down_scale,
 )
 from beamdae.report.text import engineering_order, scale_unit
 from beamdae.results.section_forces.section_motions import (
@@ -113,7 +108,8 @@ def available_colors(solution: Solution, times: Array, first: Any = None) -> lis
         or stress is requested and a section does not define its height.
     """
     quantities = ["stress", "M"]
-    beams = _evaluate_beams(solution, times)
+    mechanism = solution.equations.mechanism
+    beams = beams_of(mechanism)
     if first is not None:
         first = require_choice("animate", "color", first, tuple(_QUANTITIES))
         quantities = [first, *(x for x in quantities if x != first)]
@@ -121,10 +117,21 @@ def available_colors(solution: Solution, times: Array, first: Any = None) -> lis
             raise BeamdaeError(
                 f"animate: color {first!r} requires a beam, but the mechanism has none; omit color."
             )
+    if mechanism is None or not beams:
+        return []
+    _, state = solution.trajectory.at(times)
+    coordinates, count = map_coordinates(mechanism), count_beam_sections(mechanism)
+    forces: list[tuple[Beam, list[float], Array]] = []
+    for beam in beams:
+        q, v = (x[:, coordinates.slice_of(beam)] for x in (state.q, state.v))
+        places = np.linspace(0.0, beam.length, count).tolist()
+        functions = [beam.kinematics.section_forces(s) for s in places]
+        at_sections = evaluate_sections(identity, functions, q, v, np.zeros_like(q))
+        forces.append((beam, places, at_sections))
     colors = []
-    for what in quantities if beams else ():
+    for what in quantities:
         try:
-            values = {x.beam.name: _compute_quantity(what, x) for x in beams}
+            values = {x[0].name: _compute_quantity(what, *x) for x in forces}
         except BeamdaeError:
             if what == first:
                 raise
@@ -141,35 +148,11 @@ def available_colors(solution: Solution, times: Array, first: Any = None) -> lis
     return colors
 
 
-class _BeamForces(NamedTuple):
-    """Values of `Kinematics.section_forces` (frames, sections, 7) along a beam."""
+def _compute_quantity(what: str, beam: Beam, places: list[float], values: Array) -> Array:
+    """Return the quantity (frames, sections) along a beam.
 
-    beam: Beam
-    places: list[float]
-    values: Array
-
-
-def _evaluate_beams(solution: Solution, times: Array) -> list[_BeamForces]:
-    """Return the section forces of all beams at `times`."""
-    mechanism = solution.equations.mechanism
-    beams = beams_of(mechanism)
-    if mechanism is None or not beams:
-        return []
-    _, state = solution.trajectory.at(times)
-    coordinates, count = map_coordinates(mechanism), count_beam_sections(mechanism)
-    forces = []
-    for beam in beams:
-        q, v = (x[:, coordinates.slice_of(beam)] for x in (state.q, state.v))
-        places = np.linspace(0.0, beam.length, count).tolist()
-        functions = [beam.kinematics.section_forces(s) for s in places]
-        values = evaluate_sections(identity, functions, q, v, np.zeros_like(q))
-        forces.append(_BeamForces(beam, places, values))
-    return forces
-
-
-def _compute_quantity(what: str, forces: _BeamForces) -> Array:
-    """Return the quantity (frames, sections) along a beam."""
-    beam, places, values = forces
+    `values` are those of `Kinematics.section_forces` (frames, sections, 7) at these places [m].
+    """
     elastic, viscous, rest = np.split(np.moveaxis(values, -1, 0), (3, 6))
     if what in ("N", "Q", "M"):
         k = "NQM".index(what)
@@ -184,15 +167,9 @@ Array = np.ndarray
 DEFAULT_FRAMES = 120
 _MAX_TRAIL_POINTS = 2000  # in the whole run
 _MAX_TRAIL_POINTS_PER_FRAME = 10
-# Largest displacements relative to the size of the mechanism: those that are visible, those of
-# enlarged motions, and those that may be rounding noise.
-_VISIBLE_RATIO = 0.01
-_ENLARGED_RATIO = 0.12
-_NOISE_RATIO = 1e-7
-# [rad]; enlarged motions of rotating bodies stretch rigid bodies by 0.5 % and beams by 4 %.
-_MAX_ENLARGED_ROTATION = {"beam": 0.3, "rigid": 0.1}
 # Columns that an observable has if it observes the motion of an attachment.
 _MOTION_COLUMNS = {"x", "y", "x_dot", "y_dot"}
+_TRAILS = "True, False or names of observed points"
 FRAMES_PER_PERIOD = 32  # of vibrations and periodic motions
 
 
@@ -207,7 +184,7 @@ def build_run_scene(
     solution: Solution,
     times: Array,
     trail: Any = False,
-    scale: float = 1.0,
+    scale: float | None = 1.0,
     **settings: Any,
 ) -> Scene:
     """Return the scene of a run at the given times.
@@ -223,7 +200,7 @@ def build_run_scene(
     trail
         True to show the trails of all observed points, or the names of the points to trace.
     scale
-        Factor of the displacements from the first frame.
+        See `build_scene`.
     **settings
         Further arguments of `build_scene`.
 
@@ -238,62 +215,15 @@ def build_run_scene(
         raise BeamdaeError(f"{name}: the run has no mechanism; only mechanisms can be drawn.")
     branches, state = solution.trajectory.at(times)
     measure = _create_measure(solution, branches, state)
-    poses: Poses = CoordinatePoses(mechanism, state.q)
-    if scale != 1.0:
-        poses = EnlargedPoses(poses, scale)
-    scene = build_scene(mechanism, poses, times, measure, name=name, **settings)
-    points = _find_observed_points(mechanism.observables)
-    trails = _build_trails(
-        solution, {x: points[x] for x in _select_trails(name, trail, points)}, times, scale
-    )
-    absent = _find_absent_frames(solution, times)
-    return replace(scene, glyphs=(*trails, *scene.glyphs), absent=absent)
-
-
-def choose_scale(mechanism: Mechanism, poses: Poses, scene: Scene) -> float:
-    """Return the factor of displacements that makes the motion of these poses visible.
-
-    It is 1 if the largest displacement from the first frame exceeds 1 % of the size of the scene,
-    if the motion is so small that it may be rounding noise, and if there are contacts: gaps between
-    bodies and surfaces are not enlarged. Enlarged rotations are at most 0.3 rad for sections of
-    beams and 0.1 rad for rigid bodies, because points of a rotating body move along straight lines
-    in enlarged motions.
-    """
-    if any(part.symbol == "contact" for part in mechanism.parts.values()):
-        return 1.0
-    drawings = collect_drawings(mechanism, count_beam_sections(mechanism))
-    moving = [drawing for _, drawing in drawings if drawing.kind != "ground"]
-    places = [x for drawing in moving for x in drawing.places]
-    limits = [_MAX_ENLARGED_ROTATION.get(x.kind, np.inf) for x in moving for _ in x.places]
-    places_over_time = poses(places)
-    x, y, rotations = np.moveaxis(places_over_time - places_over_time[:1], -1, 0)
-    low, high = scene.extent()
-    ratio = float(np.nanmax(np.hypot(x, y), initial=0.0) / np.max(high - low))
-    if not _NOISE_RATIO < ratio < _VISIBLE_RATIO:
-        return 1.0
-    scale = _ENLARGED_RATIO / ratio
-    rotation = float(np.nanmax(np.abs(rotations) / limits, initial=0.0))  # relative to its limit
-    if scale * rotation > 1.0:
-        scale = max(1.0 / rotation, 1.0)
-    return round_down_scale(scale)
-
-
-def choose_run_scale(solution: Solution, times: Array, scene: Scene) -> float:
-    """Return the factor of displacements for the scene of a run; see `choose_scale`."""
-    mechanism = solution.equations.mechanism
-    if mechanism is None:
-        return 1.0
-    poses = CoordinatePoses(mechanism, solution.trajectory.at(times)[1].q)
-    return choose_scale(mechanism, poses, scene)
-
-
-def _find_absent_frames(solution: Solution, times: Array) -> dict[str, Array]:
-    """Return masks (frames,) that are True in frames in which a part is inactive, by part name."""
+    poses = coordinate_poses(mechanism, state.q)
+    scene = build_scene(mechanism, poses, times, measure, name=name, scale=scale, **settings)
+    # Masks of the frames in which a part is inactive.
     intervals, absent = solution.trajectory.interval_index(times), dict[str, Array]()
     for k, interval in enumerate(solution.trajectory.intervals):
         for part in interval.inactive:
             absent.setdefault(part, np.zeros(len(times), bool))[intervals == k] = True
-    return absent
+    trails = _build_trails(name, solution, trail, times, scene.scale)
+    return replace(scene, glyphs=(*trails, *scene.glyphs), absent=absent)
 
 
 def _create_measure(solution: Solution, branches: Array, state: State) -> Measure:
@@ -305,45 +235,40 @@ def _create_measure(solution: Solution, branches: Array, state: State) -> Measur
     return measure
 
 
-def _find_observed_points(observables: dict[str, Quantity]) -> dict[str, Quantity]:
-    """Return the observables that contain the motion of an attachment."""
-    return {
+def _build_trails(
+    name: str, solution: Solution, trail: Any, times: Array, scale: float
+) -> list[MovingCurve]:
+    """Return the path of each point up to each frame, also sampled between the frames."""
+    mechanism = solution.equations.mechanism
+    # Observables that contain the motion of an attachment.
+    points = {
         name: quantity
-        for name, quantity in observables.items()
+        for name, quantity in ({} if mechanism is None else mechanism.observables).items()
         if _MOTION_COLUMNS.issubset(column.name for column in quantity.columns)
     }
-
-
-def _select_trails(name: str, trail: Any, points: Iterable[str]) -> list[str]:
-    if isinstance(trail, bool):
-        return list(points) if trail else []
-    expected = "True, False or names of observed points"
     trail = plain_text(trail)
-    names = [trail] if isinstance(trail, str) else require_iterable(name, "trail", trail, expected)
+    names: Iterable[Any] = [trail]
+    if isinstance(trail, bool):
+        names = points if trail else ()
+    elif not isinstance(trail, str):
+        names = require_iterable(name, "trail", trail, _TRAILS)
     for one in names:
         if not isinstance(one, str) or one not in points:
             raise BeamdaeError(
-                f"{name}: trail must be {expected}, got {short_repr(one)}{suggest(one, points)}."
+                f"{name}: trail must be {_TRAILS}, got {short_repr(one)}{suggest(one, points)}."
             )
-    return names
-
-
-def _build_trails(
-    solution: Solution, points: dict[str, Quantity], times: Array, scale: float
-) -> list[MovingCurve]:
-    """Return the path of each point up to each frame, also sampled between the frames."""
-    if not points:
+    if not names:
         return []
     between = int(np.clip(_MAX_TRAIL_POINTS // len(times), 1, _MAX_TRAIL_POINTS_PER_FRAME))
     fine = np.interp(np.arange(between * (len(times) - 1) + 1) / between, range(len(times)), times)
     measure = _create_measure(solution, *solution.trajectory.at(fine))
     is_past = np.arange(len(fine)) <= between * np.arange(len(times))[:, None]
     trails = []
-    for name, quantity in points.items():
-        columns = [column.name for column in quantity.columns]
-        positions = measure(quantity)[:, [columns.index("x"), columns.index("y")]]
+    for one in names:
+        columns = [column.name for column in points[one].columns]
+        positions = measure(points[one])[:, [columns.index("x"), columns.index("y")]]
         positions = enlarge(positions, scale) if scale != 1.0 else positions
-        trails.append(MovingCurve(name, "trail", np.where(is_past[..., None], positions, np.nan)))
+        trails.append(MovingCurve(one, "trail", np.where(is_past[..., None], positions, np.nan)))
     return trails
 
 
@@ -356,19 +281,15 @@ def export_run_frames(
     """
     times = frame_times(solution, frames)
     try:
-        scene = build_run_scene("animate", solution, times)
-        scale = choose_run_scale(solution, times, scene) if enlarges else 1.0
-        if scale != 1.0:
-            scene = build_run_scene("animate", solution, times, scale=scale)
+        scale = None if enlarges else 1.0
+        scene = build_run_scene("animate", solution, times, scale=scale)
     except BeamdaeError:
         return None
-    return export_frames(scene, times, available_colors(solution, times), scale)
+    return export_frames(scene, times, available_colors(solution, times))
 
 
-def export_frames(
-    scene: Scene, times: Array, colors: Sequence[BeamColors] = (), scale: float = 1.0
-) -> dict[str, Any]:
-    """Export a scene whose displacements are enlarged by the factor `scale`.
+def export_frames(scene: Scene, times: Array, colors: Sequence[BeamColors] = ()) -> dict[str, Any]:
+    """Export a scene as plain data and arrays.
 
     Returns
     -------
@@ -386,7 +307,6 @@ def export_frames(
         - "captions": factors by which displacements and section heights are enlarged.
     """
     glyphs = sorted(scene.glyphs, key=lambda glyph: find_layer(glyph.kind))
-    captions = [f"displacements \u00d7 {scale:.4g}"] * (scale != 1.0)
     return {
         "t": times,
         "glyphs": [_export_glyph(glyph, scene) for glyph in glyphs],
@@ -399,7 +319,7 @@ def export_frames(
             for x in colors
         ],
         "extent": [x.tolist() for x in scene.extent()],
-        "captions": ", ".join(filter(None, [*captions, scene.caption])),
+        "captions": scene.caption,
     }
 
 

@@ -113,7 +113,9 @@ class Scene:
     absent
         Masks (frames,) that are True in frames in which a part is inactive, by part name.
     caption
-        Factor of the section heights of beams, if they are enlarged.
+        Factors of displacements and of the section heights of beams, if they are enlarged.
+    scale
+        Factor of the displacements from the first frame.
     """
 
     poses: Array
@@ -122,6 +124,7 @@ class Scene:
     size: float
     absent: Mapping[str, Array] = field(default_factory=dict)
     caption: str = ""
+    scale: float = 1.0
 
     def line(self, glyph: Glyph) -> Array:
         """Return the points (frames, k, 2) [m] of a glyph; nan in frames without the glyph."""
@@ -204,9 +207,11 @@ def align_points(points: Any, direction: Sequence[float] | Array) -> Array:
     return np.asarray(points, float) @ np.array([(c, s), (-s, c)])
 
 
-def circle(radius: float, corners: int = _SYMBOL_CORNERS) -> Array:
-    """Return a closed regular polygon (corners + 1, 2) that approximates a circle."""
-    angle = np.linspace(0.0, 2.0 * math.pi, corners + 1)
+def circle(
+    radius: float, corners: int = _SYMBOL_CORNERS, first: float = 0.0, last: float = 2.0 * math.pi
+) -> Array:
+    """Return a polygon (corners + 1, 2) that approximates a circle, or its arc between angles."""
+    angle = np.linspace(first, last, corners + 1)
     return radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
@@ -301,25 +306,18 @@ class SceneBuilder:
         Like those of all symbols, they are relative to the symbol size.
         """
         points = np.insert(np.asarray(points, float), 0, 0.0, axis=1)
-        self._add_symbol(kind, at, at, points, False, part)
+        self.add_between(kind, at, at, points, part=part)
 
-    def add_between(self, kind: str, start: int, end: int, points: Any) -> None:
-        """Add a `Symbol` with points (k, 3), whose axes rotate with the two poses."""
-        self._add_symbol(kind, start, end, points, False)
-
-    def add_stretched(self, kind: str, start: int, end: int, points: Any) -> None:
-        """Add a `Symbol` with points (k, 3), whose first axis points from start to end."""
-        self._add_symbol(kind, start, end, points, True)
+    def add_between(
+        self, kind: str, start: int, end: int, points: Any, along: bool = False, part: str = ""
+    ) -> None:
+        """Add a `Symbol` with points (k, 3) between two poses, by default of the current part."""
+        scaled = np.asarray(points, float) * (1.0, self.size, self.size)
+        self._glyphs.append(Symbol(part or self.part, kind, start, end, along, scaled))
 
     def add_link(self, kind: str, start: int, end: int) -> None:
         """Add a straight line between two poses."""
-        self.add_stretched(kind, start, end, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)])
-
-    def _add_symbol(
-        self, kind: str, start: int, end: int, points: Any, along: bool, part: str = ""
-    ) -> None:
-        scaled = np.asarray(points, float) * (1.0, self.size, self.size)
-        self._glyphs.append(Symbol(part or self.part, kind, start, end, along, scaled))
+        self.add_between(kind, start, end, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], along=True)
 
     def add_name(self, row: int) -> None:
         """Add the name of the current part at a pose."""
@@ -339,8 +337,8 @@ class SceneBuilder:
         row, name = self.add_attachment(attachment), attachment.body.name
         self.add_rigid("ground", row, join_lines(cone, base, *hatches), name)
 
-    def build(self, caption: str) -> Scene:
+    def build(self, caption: str, scale: float) -> Scene:
         """Return the scene with everything added so far."""
         poses = np.array(self._poses).reshape(-1, len(self.times), 3)
         names = tuple(self._names)
-        return Scene(poses, tuple(self._glyphs), names, self.size, caption=caption)
+        return Scene(poses, tuple(self._glyphs), names, self.size, caption=caption, scale=scale)

@@ -32,7 +32,7 @@ from beamdae.report.scene.scene import (
 if TYPE_CHECKING:
     from beamdae.beams.beam_loads import DistributedForce, MovingForce
     from beamdae.beams.sliding import SlidingOnBeam
-    from beamdae.parts.forces.contact import CircleSurface, Contact
+    from beamdae.parts.forces.contact import Contact
     from beamdae.parts.forces.force_law import ForceLaw
     from beamdae.parts.forces.loads import Force, Moment
     from beamdae.parts.forces.springs import Bushing, Spring, TorsionSpring
@@ -174,8 +174,7 @@ def draw_distance(part: Distance, builder: SceneBuilder) -> int:
 def draw_driver(part: Driver, builder: SceneBuilder) -> int:
     """Draw an arc-shaped arrow around the second attachment."""
     row = builder.add_attachment(part.b)
-    angle = np.linspace(-0.25 * math.pi, 1.05 * math.pi, 24)
-    arc = _DRIVER_RADIUS * np.column_stack([np.cos(angle), np.sin(angle)])
+    arc = circle(_DRIVER_RADIUS, 23, -0.25 * math.pi, 1.05 * math.pi)
     builder.add_rigid("driver", row, arc)
     tip = align_points(np.add(arrow_head(), (0.25, 0.0)), rotate_left(arc[-1]))
     builder.add_rigid("driver tip", row, tip + arc[-1])
@@ -305,16 +304,16 @@ def draw_spring_damper(part: Spring, builder: SceneBuilder) -> int:
         builder.add_between("spring", a, b, _spiral())
     elif has_damper and part.stiffness > 0.0:
         side = _SIDE_BY_SIDE_OFFSET
-        builder.add_stretched("spring", a, b, _coil(_STUB, side))
-        builder.add_stretched("damper", a, b, _dashpot(_STUB, -side))
+        builder.add_between("spring", a, b, _coil(_STUB, side), along=True)
+        builder.add_between("damper", a, b, _dashpot(_STUB, -side), along=True)
         ends = ((0.0, _STUB), (1.0, 1.0 - _STUB))
         bars = [[(x, 0.0, -side), (x, 0.0, side)] for _, x in ends]
         stubs = [[(end, 0.0, 0.0), (x, 0.0, 0.0)] for end, x in ends]
-        builder.add_stretched("spring", a, b, join_lines(*map(np.array, (*bars, *stubs))))
+        builder.add_between("spring", a, b, join_lines(*map(np.array, (*bars, *stubs))), along=True)
     elif has_damper:
-        builder.add_stretched("damper", a, b, _dashpot())
+        builder.add_between("damper", a, b, _dashpot(), along=True)
     else:
-        builder.add_stretched("spring", a, b, _coil())
+        builder.add_between("spring", a, b, _coil(), along=True)
     return builder.add_midpoint(a, b)
 
 
@@ -353,8 +352,8 @@ def draw_torsion_spring(part: TorsionSpring, builder: SceneBuilder) -> int:
     # The moment depends only on the angles of the bodies; the part is drawn at the first point.
     inner = builder.add_pose(np.column_stack([builder.pose(a)[:, :2], builder.pose(b)[:, 2]]))
     if part.damping > 0.0 and part.stiffness == 0.0:
-        angle = np.linspace(_DRUM_HALF_OPENING, 2.0 * math.pi - _DRUM_HALF_OPENING, _SPIRAL_POINTS)
-        drum = _DRUM_RADIUS * np.column_stack([np.cos(angle), np.sin(angle)])
+        opening = _DRUM_HALF_OPENING
+        drum = circle(_DRUM_RADIUS, _SPIRAL_POINTS, opening, 2.0 * math.pi - opening)
         builder.add_rigid("damper", a, drum)
         builder.add_rigid("damper", inner, [(0.0, -_VANE_HALF_LENGTH), (0.0, _VANE_HALF_LENGTH)])
     else:
@@ -382,22 +381,19 @@ def draw_contact(part: Contact, builder: SceneBuilder) -> int:
 
     surface, point = part.surface, builder.add_attachment(part.point)
     if isinstance(surface, CircleSurface):
-        line = _hatched_circle(surface, builder.size)
+        radius = surface.radius / builder.size
+        outward = circle(1.0, _SURFACE_HATCHES)[1:]
+        inward = outward * (-1.0 if surface.side == "outside" else 1.0)
+        feet, length = radius * outward, 0.4 * min(1.0, radius)
+        ends = feet + length * (inward + np.column_stack([-inward[:, 1], inward[:, 0]]))
+        hatches = np.stack([feet, ends], axis=1)
+        line = join_lines(circle(radius, _SURFACE_CORNERS), *hatches)
     else:
         travel = find_travel(surface.on, part.point, surface.direction, builder)
         line = align_points(hatched_line(*travel), surface.direction)
     builder.add_rigid("surface", builder.add_attachment(surface.on), line)
     builder.add_rigid("contact", point, circle(_CONTACT_RADIUS))
     return point
-
-
-def _hatched_circle(surface: CircleSurface, size: float) -> Array:
-    radius = surface.radius / size
-    outward = circle(1.0, _SURFACE_HATCHES)[1:]
-    inward = outward * (-1.0 if surface.side == "outside" else 1.0)
-    feet, length = radius * outward, 0.4 * min(1.0, radius)
-    ends = feet + length * (inward + np.column_stack([-inward[:, 1], inward[:, 0]]))
-    return join_lines(circle(radius, _SURFACE_CORNERS), *np.stack([feet, ends], axis=1))
 
 
 def draw_force(part: Force, builder: SceneBuilder) -> int:
@@ -484,7 +480,9 @@ def _draw_force_arrow(
     tail[:, 2] = np.arctan2(load[:, 1], load[:, 0])
     start = builder.add_pose(tail)
     builder.add_link("load", start, row)
-    builder.add_stretched("load tip", start, row, np.column_stack([np.ones(4), arrow_head()]))
+    builder.add_between(
+        "load tip", start, row, np.column_stack([np.ones(4), arrow_head()]), along=True
+    )
     return start
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -181,7 +181,11 @@ class _LoadCollector:
                 line_loads += self._locate_forces(forces, on_axis)
         for loads in self._shares.values():
             s, wrenches = np.array([s for s, _ in loads]), np.stack([x for _, x in loads], axis=1)
-            self._arc_lengths.append(_center_of_force(s, wrenches))
+            # The center of the forces, or the first section if they cancel.
+            along = np.einsum("rkc,rc->rk", wrenches[..., :2], wrenches[..., :2].sum(axis=1))
+            total = along.sum(axis=1)
+            center = along @ s / np.where(total > 0.0, total, 1.0)
+            self._arc_lengths.append(np.where(total > 0.0, center, s[0]))
             self._wrenches.append(wrenches.sum(axis=1))
         if not self._wrenches:
             no_arc_lengths, no_wrenches = np.zeros((self._rows, 0)), np.zeros((self._rows, 0, 3))
@@ -210,7 +214,18 @@ class _LoadCollector:
         if gravity is not None:
             data[:, -2:] = np.repeat(gravity, count, axis=0)
         motion = [q] if isinstance(statement, ConstraintStatement) else [q, v, a]
-        inputs = [*(self._select_local(statement, x, count) for x in motion), multipliers, data]
+        # Local coordinates (rows * count, size) of the statement.
+        local = (
+            np.concatenate(
+                [
+                    (piece.operator @ x[:, self._coordinates.slice_of(piece.owner)].T).T
+                    for piece in statement.pieces
+                ],
+                axis=1,
+            ).reshape(self._rows * count, -1)
+            for x in motion
+        )
+        inputs = [*local, multipliers, data]
         # Statements keep their kernels, so that Python does not reuse their ids.
         key = id(statement.kernel)
         if key not in self._functions:
@@ -227,14 +242,6 @@ class _LoadCollector:
             # The points beyond the inertia points have section forces.
             kernel = ForceKernel.of_points(kernel.local, kernel.points[:nodes])
         return kernel.force_kernel
-
-    def _select_local(self, statement: Any, x: Array, count: int) -> Array:
-        """Return the local coordinates (rows * count, size) of a statement."""
-        columns = [
-            (piece.operator @ x[:, self._coordinates.slice_of(piece.owner)].T).T
-            for piece in statement.pieces
-        ]
-        return np.concatenate(columns, axis=1).reshape(self._rows * count, -1)
 
     def _add_at_section(self, part: Part, s: float, force: Array) -> None:
         """Add a generalized force on the local coordinates of the section at arc length `s` [m]."""
@@ -286,12 +293,3 @@ class _LoadCollector:
         transport = arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]
         wrenches = np.concatenate([force, (loads[..., 2] + transport)[..., None]], axis=-1)
         return wrenches.reshape(rows, count, -1, 3)
-
-
-def _center_of_force(s: Array, wrenches: Array) -> Array:
-    """Return the arc length [m] of the center of the forces, or `s[0]` if the forces cancel."""
-    force = wrenches[..., :2]
-    along = np.einsum("rkc,rc->rk", force, force.sum(axis=1))
-    total = along.sum(axis=1)
-    center = along @ s / np.where(total > 0.0, total, 1.0)
-    return np.where(total > 0.0, center, s[0])

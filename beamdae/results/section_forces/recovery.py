@@ -175,7 +175,16 @@ class SectionSampler:
         if s is None:
             sections = default_sections(self.beam, self.equations, *self.states_at(times))
         else:
-            sections = _requested_sections(self.beam, s)
+            name, length = self.beam.name, self.beam.length
+            s_given, near = _require_numbers(name, "s", s), SAME_SECTION_TOLERANCE * length
+            if np.any(s_given < -near) or np.any(s_given > length + near):
+                most, _ = format_distinct(length, np.max(s_given))
+                raise BeamdaeError(
+                    f"{name}: arc length s must lie in [0, {most}] m, got {short_repr(s)}."
+                )
+            # At the end of the beam, section forces are those before a load.
+            s_given = np.clip(s_given, 0.0, length)
+            sections = s_given, s_given > length - near
         (N, Q, M), strained = self._evaluate(times, *sections)
         of_sections = N, Q, M, strained, sections[1], s is None, steps
         return SectionForces(self.beam, times, sections[0], *of_sections, self, refine)
@@ -220,16 +229,3 @@ def _require_numbers(part: str, name: str, value: Any) -> Array:
     if not numbers:
         raise BeamdaeError(f"{part}: {name} must be {what}, got {short_repr(value)}.")
     return np.array([require_finite(part, name, number) for number in numbers])
-
-
-def _requested_sections(beam: Beam, s: Any) -> tuple[Array, Array]:
-    """Return arc lengths, and the mask of those at the end of the beam, evaluated before a load."""
-    arc_lengths = _require_numbers(beam.name, "s", s)
-    near = SAME_SECTION_TOLERANCE * beam.length
-    if np.any(arc_lengths < -near) or np.any(arc_lengths > beam.length + near):
-        length, _ = format_distinct(beam.length, np.max(arc_lengths))
-        raise BeamdaeError(
-            f"{beam.name}: arc length s must lie in [0, {length}] m, got {short_repr(s)}."
-        )
-    arc_lengths = np.clip(arc_lengths, 0.0, beam.length)
-    return arc_lengths, arc_lengths > beam.length - near

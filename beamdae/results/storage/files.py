@@ -298,7 +298,13 @@ def atomic_write(path: Path, durable: bool = True, kind: str = "") -> Iterator[P
                 # systems report a full disk only here.
                 with open(scratch, "rb+") as file:
                     os.fsync(file.fileno())
-            _replace_file(target, scratch)
+            if target.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+            if target.is_file() and not target.is_symlink():
+                if not os.access(target, os.W_OK):
+                    raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+                scratch.chmod(target.stat().st_mode & 0o777)
+            os.replace(scratch, target)
             if durable:
                 register_output(target)
         finally:
@@ -333,16 +339,6 @@ def _is_written_directly(target: Path) -> bool:
         # Such as /dev/stdout and /dev/fd/1.
         return str(target.parent) in ("/dev", f"/proc/{os.getpid()}/fd")
     return target.exists() and not (target.is_file() or target.is_dir())
-
-
-def _replace_file(target: Path, scratch: Path) -> None:
-    if target.is_dir():
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-    if target.is_file() and not target.is_symlink():
-        if not os.access(target, os.W_OK):
-            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
-        scratch.chmod(target.stat().st_mode & 0o777)
-    os.replace(scratch, target)
 
 
 @cache

@@ -59,7 +59,14 @@ class PackedRun:
 
 def pack_run(run: RunData) -> PackedRun:
     """Pack all data of a run except its equations and its integrator."""
-    e, derivatives = run.equations, run.derivatives
+    e, derivatives, intervals = run.equations, run.derivatives, []
+    for x in run.trajectory.intervals:
+        parts = None
+        if x.configuration is not None:
+            gaps = dict(x.configuration.frozen_gaps)
+            parts = _Configuration(sorted(x.configuration.inactive), gaps)
+        branch, per_step = float(x.branch), x.nodes_per_step
+        intervals.append(_Interval(x.nodes, x.rows, branch, per_step, parts, x.record))
     return PackedRun(
         run.t,
         e.q0,
@@ -68,7 +75,7 @@ def pack_run(run: RunData) -> PackedRun:
         run.statistics,
         as_plain(run.integrator),
         as_plain(run.model),
-        [_pack_interval(x) for x in run.trajectory.intervals],
+        intervals,
         list(run.event_records),
         run.event_signs,
         list(run.resume_warnings),
@@ -76,14 +83,6 @@ def pack_run(run: RunData) -> PackedRun:
         None if e.start is None else e.start._replace(request=None),
         None if derivatives is None else replace(derivatives.at_times(run.t), evaluate=None),
     )
-
-
-def _pack_interval(x: Interval) -> _Interval:
-    configuration = None
-    if x.configuration is not None:
-        gaps = dict(x.configuration.frozen_gaps)
-        configuration = _Configuration(sorted(x.configuration.inactive), gaps)
-    return _Interval(x.nodes, x.rows, float(x.branch), x.nodes_per_step, configuration, x.record)
 
 
 def unpack_fields(

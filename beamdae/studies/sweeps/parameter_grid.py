@@ -12,13 +12,12 @@ import numpy as np
 from beamdae.errors import (
     BeamdaeError,
     require_entries,
-    require_iterable,
     require_mapping,
     short_repr,
 )
 from beamdae.model_functions import Model
 from beamdae.read_only import read_only_data
-from beamdae.studies.case import MAX_CASES, format_parameter, grid
+from beamdae.studies.case import format_parameter, grid, list_entries
 
 Array = np.ndarray
 
@@ -131,7 +130,7 @@ def expand_values(part: str, model: Model, over: Any) -> list[dict[str, Paramete
         if not by_name:
             raise BeamdaeError(f"{part}: over must be {allowed}, got {{}}.")
         return grid(**{x: _require_values(part, model, x, y) for x, y in by_name.items()})
-    entries = _require_list(part, "over", over, allowed)
+    entries = list_entries(part, "over", over, allowed)
     if not entries or not all(isinstance(combination, Mapping) for combination in entries):
         raise BeamdaeError(f"{part}: over must be {allowed}, got {short_repr(over)}.")
     listed = [require_mapping(part, "over", combination, allowed) for combination in entries]
@@ -150,18 +149,10 @@ def _require_values(part: str, model: Model, name: Any, values: Any) -> list[Par
         by_label = require_entries(part, name, values, allowed)
         checked = [_check_value(model, name, x, str(label)) for label, x in by_label.items()]
     else:
-        checked = [_check_value(model, name, x) for x in _require_list(part, name, values, allowed)]
+        checked = [_check_value(model, name, x) for x in list_entries(part, name, values, allowed)]
     if not checked:
         raise BeamdaeError(f"{part}: {name} must have at least one value, got none.")
     return checked
-
-
-def _require_list(part: str, name: str, values: Any, allowed: str) -> list[Any]:
-    unordered = isinstance(values, (str, bytes, set, frozenset))
-    entries = require_iterable(part, name, None if unordered else values, allowed, MAX_CASES + 1)
-    if len(entries) > MAX_CASES:
-        raise BeamdaeError(f"{part}: {name} has more than {MAX_CASES} values; use fewer values.")
-    return entries
 
 
 def _check_value(model: Model, name: str, value: Any, label: str | None = None) -> ParameterValue:

@@ -77,7 +77,11 @@ class ParameterScale(NamedTuple):
         label = label if unit in ("", "-") else f"{label} [{unit}]"
         positions = np.array([setting[name] for setting in study.settings], float)
         ticks = np.unique(positions)
-        return cls(label, positions, ticks, (), "log" if _is_geometric(ticks) else "linear")
+        is_geometric = len(ticks) > 2 and bool(ticks[0] > 0.0)
+        if is_geometric:
+            ratios = ticks[1:] / ticks[:-1]
+            is_geometric = np.allclose(ratios, ratios[0], rtol=_RATIO_TOLERANCE)
+        return cls(label, positions, ticks, (), "log" if is_geometric else "linear")
 
     def format_axis(self, axes: Axes, which: str) -> None:
         """Set the label, scale and ticks of the axis `which` ("x" or "y")."""
@@ -95,13 +99,6 @@ class ParameterScale(NamedTuple):
             axis.set_ticks(ticks, names)
             if which == "x" and len(" ".join(names)) > _AXIS_LETTERS:
                 axes.tick_params("x", rotation=_LABEL_ROTATION)
-
-
-def _is_geometric(values: Array) -> bool:
-    if len(values) < 3 or values[0] <= 0.0:
-        return False
-    ratios = values[1:] / values[:-1]
-    return bool(np.allclose(ratios, ratios[0], rtol=_RATIO_TOLERANCE))
 
 
 def list_response_plots(
@@ -142,7 +139,17 @@ def plot_curves(
     is_graded = (
         len(groups) > len(figures.COLORS) and len(others) == 1 and study.axes[others[0]].is_numeric
     )
-    styles = _create_styles(labels, is_graded)
+    if is_graded:  # along a color map
+        from matplotlib import colormaps
+
+        colors = colormaps["viridis"](np.linspace(0.0, _MAX_COLOR, len(labels)))
+        styles = {label: {"color": color} for label, color in zip(labels, colors, strict=True)}
+    else:
+        palette, dashes = figures.COLORS, figures.DASHES
+        styles = {
+            x: {"color": palette[k % len(palette)], "ls": dashes[k // len(palette) % len(dashes)]}
+            for k, x in enumerate(labels)
+        }
     drawn = []
     for panel in panels:
         lines = [
@@ -166,20 +173,6 @@ def plot_curves(
         axis.plot(failures, heights, transform=axis.get_xaxis_transform(), **_FAILURE_STYLE)
         scale.format_axis(axis, "x")
     return Plot(figure)
-
-
-def _create_styles(labels: Sequence[str], is_graded: bool) -> dict[str, dict[str, Any]]:
-    """Return the style of each curve; if graded, the colors follow a color map in order."""
-    if is_graded:
-        from matplotlib import colormaps
-
-        colors = colormaps["viridis"](np.linspace(0.0, _MAX_COLOR, len(labels)))
-        return {label: {"color": color} for label, color in zip(labels, colors, strict=True)}
-    palette, dashes = figures.COLORS, figures.DASHES
-    return {
-        label: {"color": palette[k % len(palette)], "ls": dashes[k // len(palette) % len(dashes)]}
-        for k, label in enumerate(labels)
-    }
 
 
 def _create_line(

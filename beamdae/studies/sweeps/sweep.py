@@ -262,29 +262,21 @@ def create_sweep(
     model: Model,
     over: Any,
     name: str,
+    measure: Any = None,
+    *,
     of: Any = (),
     integrator: Any = None,
     outputs: Any = None,
-    time_limit: float | None = None,
-    t_end: float | None = None,
-    output_step: float | None = None,
     start: Any = None,
-    measure: Any = None,
+    **times: Any,
 ) -> Sweep:
-    """Return a sweep without running it; see `sweep` for parameters and errors."""
+    """Return a sweep without running it; see `sweep` for parameters and errors.
+
+    `times` are its time limit, end time and output step.
+    """
     if measure is not None:
-        outputs = _require_measure(
-            measure,
-            {
-                "of": of,
-                "outputs": outputs,
-                "integrator": integrator,
-                "time_limit": time_limit,
-                "t_end": t_end,
-                "output_step": output_step,
-                "start": start,
-            },
-        )
+        options = {"of": of, "outputs": outputs, "integrator": integrator, "start": start}
+        outputs = _require_measure(measure, options | times)
     method = require_integrator("sweep", Auto() if integrator is None else integrator)
     combinations = expand_values(name, model, over)
     cases = [
@@ -295,12 +287,10 @@ def create_sweep(
         name,
         tuple(cases),
         columns=require_column_names(name, (of,) if isinstance(of, str) else of),
-        time_limit=time_limit,
         outputs={} if outputs is None else outputs,
         is_measured=measure is not None,
         settings=tuple({x: entry.label for x, entry in each.items()} for each in combinations),
-        t_end=t_end,
-        output_step=output_step,
+        **{"time_limit": None, **times},
     )
 
 
@@ -463,11 +453,7 @@ def sweep(
         )
 
     def decorate(function: Callable[[], Over]) -> Sweep:
-        if not callable(function) or not hasattr(function, "__name__"):
-            raise BeamdaeError(
-                f"sweep: the decorated object must be a function, got {short_repr(function)}."
-            )
-        values = call_definition(function, "values")
+        values = call_definition("sweep", function, "values")
         return create_sweep(study_model, values, function.__name__, **options)
 
     return decorate

@@ -26,7 +26,6 @@ from beamdae.studies.case import format_parameter
 from beamdae.studies.run_values import MEASURED_ERROR_COLUMN
 from beamdae.studies.study_page import MAX_CURVES, create_study_page, extra_column_key
 from beamdae.studies.study_run import StudyResults
-from beamdae.studies.sweeps.parameter_grid import ParameterGrid
 from beamdae.studies.sweeps.response_plots import (
     choose_panels,
     choose_response,
@@ -401,37 +400,6 @@ def create_sweep_page(swept: SweepResults) -> Content:
     observed = select_headers(swept.results, swept.sweep)
     characteristic = select_characteristic(swept.results, swept.sweep)
     content["featured"] = [name for name in characteristic if name in observed]
-    _add_motion(content, swept, grid)
-    if not swept.sweep.varied:
-        return content
-    x = choose_axis(swept.sweep)
-    for family, rows in group_rows(swept.sweep, x).items():
-        for row in rows:
-            case, value = content["cases"][row], swept.sweep.settings[row][x]
-            case |= {"family": family or case["family"], "series": family}
-            case["rank"] = value if isinstance(value, (int, float)) else row
-    numeric = {column["key"] for column in content["columns"] if column["kind"] == "number"}
-    content["axes"] = {
-        "x": extra_column_key(swept.sweep.header(x)),
-        "y": _choose_response(swept, numeric),
-    }
-    return content
-
-
-def _choose_response(swept: SweepResults, numeric: set[str]) -> str | None:
-    """Return the key of the response that a page plots first, or None if no response varies.
-
-    This is an output or, of an observed column, the extreme of larger magnitude.
-    """
-    for panel in choose_panels(swept.sweep, swept.table, swept.panels()):
-        (column,) = choose_response(swept.table, panel).lines.values()
-        if (key := extra_column_key(column)) in numeric:
-            return key
-    return None
-
-
-def _add_motion(content: Content, swept: SweepResults, grid: ParameterGrid) -> None:
-    """Add the sliders of the varied parameters and the recorded motions to a page."""
     units = swept.sweep.units
     content["sliders"] = [
         slider(
@@ -446,3 +414,20 @@ def _add_motion(content: Content, swept: SweepResults, grid: ParameterGrid) -> N
     for entry, case, position in cases:
         frames = swept.results.outcome(case).frames
         entry |= {"at": position, "frames": frames if frames and frames["glyphs"] else None}
+    if not swept.sweep.varied:
+        return content
+    x = choose_axis(swept.sweep)
+    for family, rows in group_rows(swept.sweep, x).items():
+        for row in rows:
+            entry, value = content["cases"][row], swept.sweep.settings[row][x]
+            entry |= {"family": family or entry["family"], "series": family}
+            entry["rank"] = value if isinstance(value, (int, float)) else row
+    # The first response that varies: an output or, of an observed column, the larger extreme.
+    numeric = {column["key"] for column in content["columns"] if column["kind"] == "number"}
+    panels = choose_panels(swept.sweep, swept.table, swept.panels())
+    responses = (choose_response(swept.table, panel).lines[""] for panel in panels)
+    content["axes"] = {
+        "x": extra_column_key(swept.sweep.header(x)),
+        "y": next((key for key in map(extra_column_key, responses) if key in numeric), None),
+    }
+    return content
