@@ -11,7 +11,7 @@ import numpy as np
 
 from beamdae.core.library import load_core
 from beamdae.core.return_codes import NO_ADVANCE
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.first_order import (
     FIRST_ORDER,
     FirstOrderForm,
@@ -19,7 +19,6 @@ from beamdae.equations.formulations.first_order import (
 )
 from beamdae.errors import MissingPackageError, format_exception, require_choice
 from beamdae.integrators.compiled_run import InputJump
-from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import (
     ERROR_CONTROL,
     STIFF_RATIO_BDF,
@@ -38,12 +37,10 @@ from beamdae.integrators.integrator import (
     StepError,
     require_tolerance,
 )
-from beamdae.integrators.limits import Progress
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.run_plan import RunPlan
 from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE
 from beamdae.results.outcome import Statistics
-from beamdae.results.solution import Solution
 from beamdae.sundials import UnavailableError, describe_status
 
 Array = np.ndarray
@@ -102,7 +99,7 @@ class IdaStepper:
             multipliers_matter,
         )
         self._tolerance = self._control.tolerance(rtol, scales, self._form)
-        self._longest = plan.longest_step("Ida", max_step)
+        self._longest = plan.longest_step(max_step)
         atol = self._control.absolute_tolerances(self._tolerance, scales, self._form, iterated)
         options = {
             "rtol": _NEGLIGIBLE_RTOL,
@@ -319,13 +316,11 @@ class Ida(AdaptiveIntegrator):
         require_choice("Ida", "error_control", self.error_control, ERROR_CONTROL)
         require_choice("Ida", "max_order", self.max_order, ("auto", 1, 2, 3, 4, 5))
 
-    def integrate(
-        self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
-    ) -> Solution:
-        """Integrate over the output times; see `Integrator.integrate`."""
+    @property
+    def pilot(self) -> Ida:
+        """Integrator of pilot runs, with a stable order."""
         # With an unstable order set by the user, the pilot run would measure spurious vibrations.
-        pilot = replace(self, rtol=PILOT_RTOL, max_order="auto")
-        return drive(self, equations, times, self.method_on, progress, pilot.method_on)
+        return replace(self, rtol=PILOT_RTOL, max_order="auto")
 
     def method_on(self, plan: RunPlan) -> IdaStepper:
         """Return the stepper for a plan."""

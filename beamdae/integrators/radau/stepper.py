@@ -129,7 +129,7 @@ class RadauStepper:
             real_solver=real.make_solver(),
             complex_solver=complex_.make_solver(),
             reduction=reduction,
-            step_size=Workspace("StepSizeState", longest=plan.longest_step("Radau", max_step)),
+            step_size=Workspace("StepSizeState", longest=plan.longest_step(max_step)),
             y=np.zeros(size),
             yp=np.zeros(size),
             last_w=np.zeros((3, size)),
