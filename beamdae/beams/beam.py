@@ -46,6 +46,7 @@ from beamdae.errors import (
     format_count,
     format_distinct,
     optional,
+    require_between,
     require_choice,
     require_count,
     require_finite,
@@ -336,22 +337,11 @@ class Beam(Part):
         """
         if self._has_final_mesh:
             return self.mesh
-        kinks = self.section.kinks if isinstance(self.section, VaryingSection) else ()
-        stops = {*arc_lengths, *(kinks or ())}
+        stops = {*arc_lengths, *(self.section.kinks or ())}
         if self._has_chosen_mesh:
-            stops |= {*self._section_jumps, *curve_breaks(self.curve)}
+            stops |= {*self.section.jumps, *curve_breaks(self.curve)}
             return intern_mesh(choose_mesh(self.curve, sorted(stops), self._has_moving_load))
         return intern_mesh(self.mesh.with_ends_at(sorted(stops)))
-
-    @property
-    def _section_breaks(self) -> tuple[float, ...]:
-        """Arc lengths [m] of kinks, jumps and narrow places of the section."""
-        return self.section.breaks if isinstance(self.section, VaryingSection) else ()
-
-    @property
-    def _section_jumps(self) -> tuple[float, ...]:
-        """Arc lengths [m] just beyond jumps of the section, if it is a function."""
-        return self.section.jumps if isinstance(self.section, VaryingSection) else ()
 
     def _prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> bool:
         """Place element ends at attachments and kinks of the section, and make the mesh final.
@@ -739,10 +729,7 @@ class Beam(Part):
                 raise BeamdaeError(f"{self.name}: s is empty; pass at least one arc length [m].")
             arc_lengths = tuple(self._require_arc_length(x) for x in entries)
         if exponent is not None:
-            exponent = require_finite(self.name, "exponent", exponent)
-            if not 1.0 <= exponent <= _MAX_EXPONENT:
-                _, most, p = format_distinct(1.0, _MAX_EXPONENT, exponent)
-                raise BeamdaeError(f"{self.name}: exponent must be between 1 and {most}, got {p}.")
+            exponent = require_between(self.name, "exponent", exponent, 1.0, _MAX_EXPONENT)
         return self._evaluate_largest_stress(arc_lengths, exponent)
 
     @rebuilt_for_mesh
@@ -782,11 +769,11 @@ class Beam(Part):
         intervals = max(2, math.ceil(least / mesh.elements))
         places = mesh.with_divided_elements(intervals).element_bounds.copy()
         inner = np.arange(len(places)) % intervals > 0
-        breaks = [s for s in self._section_breaks if not mesh.has_end_at(s)]
+        breaks = [s for s in self.section.breaks if not mesh.has_end_at(s)]
         for s in breaks[: np.count_nonzero(inner)]:
             nearest = int(np.argmin(np.where(inner, np.abs(places - s), np.inf)))
             places[nearest], inner[nearest] = s, False
-        before = mesh.just_before(np.array(self._section_jumps)).tolist()
+        before = mesh.just_before(np.array(self.section.jumps)).tolist()
         at_sides = (x for s in places.tolist() for x in mesh.sides_of(s))
         return tuple(sorted({*at_sides, *before}))
 

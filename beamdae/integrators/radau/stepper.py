@@ -16,12 +16,12 @@ from beamdae.core.return_codes import (
 )
 from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formulations.compliant_equations import mix_equations
 from beamdae.equations.formulations.first_order import (
     FirstOrderForm,
     formulate_first_order,
     reduce_kinematics,
 )
-from beamdae.equations.formulations.mixed_equations import mix_equations
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.error_control import (
     POSITION_ROUNDING,
