@@ -6,7 +6,7 @@ The module also contains the checks of the settings and the warnings about curva
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import fields, replace
 from functools import cached_property
@@ -308,14 +308,26 @@ class Beam(Part):
     @cached_property
     def kinematics(self) -> Kinematics:
         """Motion and strains of the points of the beam on the present mesh."""
-        return _create_kinematics(
-            self.name,
-            self._formulation,
-            self._make_kinematics,
-            self.mesh,
-            self.section,
-            self._settings,
-        )
+        part, formulation, settings = self.name, self._formulation, self._settings
+        require_choice(part, "formulation", formulation, FORMULATIONS)
+        if self._make_kinematics is not None:
+            unused = [*settings, *(["formulation"] if formulation != _DEFAULT_FORMULATION else [])]
+            if unused:
+                raise BeamdaeError(
+                    f"{part}: {' and '.join(unused)} must be omitted with custom kinematics, "
+                    "which replaces the built-in formulations."
+                )
+            return create_custom_kinematics(part, self._make_kinematics, self.mesh, self.section)
+        kinematics = _kinematics_type(formulation)
+        supported = {field.name for field in fields(kinematics)}
+        unsupported = [name for name in settings if name not in supported]
+        if unsupported:
+            raise BeamdaeError(
+                f"{part}: {' and '.join(unsupported)} must be omitted with "
+                f"formulation={formulation!r}; alternatively, use "
+                f"formulation={_DEFAULT_FORMULATION!r}."
+            )
+        return kinematics(part, self.mesh, self.section, **settings)
 
     @cached_property
     def _has_final_mesh(self) -> bool:
@@ -960,35 +972,6 @@ def _kinematics_type(formulation: str) -> type[FloatingFrame] | type[Geometrical
     from beamdae.beams.exact import GeometricallyExact
 
     return GeometricallyExact
-
-
-def _create_kinematics(
-    part: str,
-    formulation: str,
-    make: Callable[[str, Mesh, Any], Kinematics] | None,
-    mesh: Mesh,
-    section: Any,
-    settings: Mapping[str, Any],
-) -> Kinematics:
-    require_choice(part, "formulation", formulation, FORMULATIONS)
-    if make is not None:
-        unused = [*settings, *(["formulation"] if formulation != _DEFAULT_FORMULATION else [])]
-        if unused:
-            raise BeamdaeError(
-                f"{part}: {' and '.join(unused)} must be omitted with custom kinematics, "
-                "which replaces the built-in formulations."
-            )
-        return create_custom_kinematics(part, make, mesh, section)
-    kinematics = _kinematics_type(formulation)
-    supported = {field.name for field in fields(kinematics)}
-    unsupported = [name for name in settings if name not in supported]
-    if unsupported:
-        raise BeamdaeError(
-            f"{part}: {' and '.join(unsupported)} must be omitted with "
-            f"formulation={formulation!r}; alternatively, use "
-            f"formulation={_DEFAULT_FORMULATION!r}."
-        )
-    return kinematics(part, mesh, section, **settings)
 
 
 def _parse_elements(
