@@ -14,7 +14,6 @@ from beamdae.core.return_codes import NO_ADVANCE
 from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.first_order import (
     FIRST_ORDER,
-    FirstOrderForm,
     formulate_first_order,
 )
 from beamdae.errors import MissingPackageError, format_exception, require_choice
@@ -112,7 +111,24 @@ class IdaStepper:
             "kinematic": scale_kinematic_rows(self._form, scales.position / scales.size),
             "correction_fraction": _CORRECTION_SHARE if iterated else 1.0,
         }
-        self._ida = _make_solver(self._form, plan, options, iteration)
+        self._ida: Any = None
+        if load_core() is not None:
+            with contextlib.suppress(UnavailableError):
+                matrix = plan.matrix("Ida", self._form.pattern)
+                self._ida = CompiledIda(self._form, matrix, options, iteration)
+        if self._ida is None:
+            # Imported here because it imports SciPy's optimizers, which takes a third of a short
+            # run.
+            try:
+                from beamdae.integrators.ida.python_solver import SksundaeIda
+            # OSError: its shared libraries are missing.
+            except (ImportError, OSError) as problem:
+                raise MissingPackageError(
+                    "Ida",
+                    f"scikit-sundae cannot be imported ({format_exception(problem)})",
+                    "install scikit-sundae, or use Radau or GeneralizedAlpha",
+                ) from problem
+            self._ida = SksundaeIda(self._form, options, iteration)
 
     @property
     def resolved_options(self) -> dict[str, Any]:
@@ -210,35 +226,6 @@ class IdaStepper:
                 "the model near this time, or use another formulation"
             )
         return describe_status(code)
-
-
-def _make_solver(
-    form: FirstOrderForm,
-    plan: RunPlan,
-    options: dict[str, Any],
-    iteration: dict[str, Any],
-) -> Any:
-    """Return IDA with callbacks of the core, or through scikit-sundae if they cannot be used.
-
-    Raises
-    ------
-    MissingPackageError
-        If scikit-sundae cannot be imported either.
-    """
-    if load_core() is not None:
-        with contextlib.suppress(UnavailableError):
-            return CompiledIda(form, plan.matrix("Ida", form.pattern), options, iteration)
-    # Imported here because it imports SciPy's optimizers, which takes a third of a short run.
-    try:
-        from beamdae.integrators.ida.python_solver import SksundaeIda
-    # OSError: its shared libraries are missing.
-    except (ImportError, OSError) as problem:
-        raise MissingPackageError(
-            "Ida",
-            f"scikit-sundae cannot be imported ({format_exception(problem)})",
-            "install scikit-sundae, or use Radau or GeneralizedAlpha",
-        ) from problem
-    return SksundaeIda(form, options, iteration)
 
 
 @dataclass(frozen=True)
