@@ -56,7 +56,7 @@ def require_output(path: str | os.PathLike[str], option: str = "", kind: str = "
         )
 
 
-def _is_input(path: str | os.PathLike[str], kind: str = "") -> bool:
+def _is_input(path: str | os.PathLike[str], kind: str) -> bool:
     """Return True if a file is an input of another kind than `kind`."""
     try:
         output = os.stat(path)

@@ -117,7 +117,10 @@ def load_library() -> SundialsLibrary:
         If scikit-sundae or a function is missing, or if the version, the precision, the index width
         or a build with MPI is not supported.
     """
-    images = _find_images()
+    try:
+        images = _find_images()
+    except (ImportError, OSError) as problem:
+        raise UnavailableError(f"scikit-sundae's IDA cannot be opened: {problem}") from problem
     addresses = {name: _find_address(images, name) for name in PROTOTYPES}
     if any(hasattr(image, "MPI_Comm_rank") for image in images):
         raise UnavailableError("SUNDIALS was built with MPI")
@@ -133,27 +136,19 @@ def load_library() -> SundialsLibrary:
 
 def _find_images() -> list[ctypes.CDLL]:
     if sys.platform == "win32":
-        try:
-            from sksundae import _cy_ida  # noqa: F401
-        except ImportError as problem:
-            raise UnavailableError(f"scikit-sundae has no compiled IDA: {problem}") from problem
+        from sksundae import _cy_ida  # noqa: F401
+
         return _open_loaded_dlls(_windows_dll_names())
-    try:
-        # Symbols are also looked up in the libraries that the extension module is linked to. The
-        # module itself is not imported, because it imports SciPy's optimizers, which takes a third
-        # of a short run.
-        images = [ctypes.CDLL(_find_extension_module())]
-    except OSError as problem:
-        raise UnavailableError(f"scikit-sundae's IDA cannot be opened: {problem}") from problem
+    # Symbols are also looked up in the libraries that the extension module is linked to. The module
+    # itself is not imported, because it imports SciPy's optimizers, which takes a third of a short
+    # run.
+    images = [ctypes.CDLL(_find_extension_module())]
     find_new_libraries()  # It is linked to a BLAS library.
     return images
 
 
 def _find_extension_module() -> str:
-    try:
-        package = PathFinder.find_spec("sksundae")
-    except ImportError as problem:
-        raise UnavailableError(f"scikit-sundae cannot be found: {problem}") from problem
+    package = PathFinder.find_spec("sksundae")
     folders = package.submodule_search_locations if package else None
     module = PathFinder.find_spec("sksundae._cy_ida", folders) if folders else None
     if module is None or module.origin is None:
@@ -196,8 +191,7 @@ def _find_address(images: Iterable[ctypes.CDLL], name: str) -> int:
 def _read_version(call: Any) -> tuple[int, int, int]:
     numbers = [ctypes.c_int() for _ in range(3)]
     label = ctypes.create_string_buffer(64)
-    if call.SUNDIALSGetVersionNumber(*map(ctypes.byref, numbers), label, len(label)) < 0:
-        raise UnavailableError("SUNDIALS returns no version number")
+    call.SUNDIALSGetVersionNumber(*map(ctypes.byref, numbers), label, len(label))
     major, minor, patch = (number.value for number in numbers)
     return major, minor, patch
 
@@ -218,12 +212,9 @@ def _check_widths(call: Any) -> None:
         if vector is None or call.N_VBufSize_Serial(vector, buffer) < 0:
             raise UnavailableError("SUNDIALS cannot create a vector")
         size, second_half = buffer
-        if second_half != _UNCHANGED:
-            raise UnavailableError("SUNDIALS was built with indices of 64 bits, not 32")
-        if size != _TEST_VECTOR_LENGTH * ctypes.sizeof(ctypes.c_double):
-            raise UnavailableError(
-                f"SUNDIALS has numbers of {size // _TEST_VECTOR_LENGTH} bytes, not of 8"
-            )
+        expected = _TEST_VECTOR_LENGTH * ctypes.sizeof(ctypes.c_double)
+        if (size, second_half) != (expected, _UNCHANGED):
+            raise UnavailableError("SUNDIALS has numbers or indices of another width")
     finally:
         if vector is not None:
             call.N_VDestroy(vector)

@@ -18,11 +18,10 @@ from beamdae.beams.remeshing import list_fixed_beams
 from beamdae.errors import (
     BeamdaeError,
     format_count,
-    format_distinct,
     format_percent,
     join_names,
     list_first,
-    require_finite,
+    require_between,
 )
 from beamdae.integrators import Integrator
 from beamdae.integrators.limits import Progress
@@ -157,13 +156,7 @@ def reach_accuracy(analysis: Analysis, model: Any, accuracy: Any, columns: Any =
                 f"{analysis.name}: accuracy_columns requires accuracy; pass both or neither."
             )
         return analysis.analyze(model, analysis.method)
-    accuracy = require_finite(analysis.name, "accuracy", accuracy)
-    if not _MIN_ACCURACY <= accuracy <= _MAX_ACCURACY:
-        least, most, given = format_distinct(_MIN_ACCURACY, _MAX_ACCURACY, accuracy)
-        raise BeamdaeError(
-            f"{analysis.name}: accuracy must lie between {least} and {most}, got {given} "
-            f"({format_percent(accuracy)})."
-        )
+    accuracy = require_between(analysis.name, "accuracy", accuracy, _MIN_ACCURACY, _MAX_ACCURACY)
     names = require_accurate_columns(analysis.name, columns)
     time_limit = getattr(analysis.method, "time_limit", None) if analysis.is_run else None
     time_limit = time_limit or np.inf

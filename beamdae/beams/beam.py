@@ -6,7 +6,7 @@ The module also contains the checks of the settings and the warnings about curva
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import fields, replace
 from functools import cached_property
@@ -46,6 +46,7 @@ from beamdae.errors import (
     format_count,
     format_distinct,
     optional,
+    require_between,
     require_choice,
     require_count,
     require_finite,
@@ -307,14 +308,26 @@ class Beam(Part):
     @cached_property
     def kinematics(self) -> Kinematics:
         """Motion and strains of the points of the beam on the present mesh."""
-        return _create_kinematics(
-            self.name,
-            self._formulation,
-            self._make_kinematics,
-            self.mesh,
-            self.section,
-            self._settings,
-        )
+        part, formulation, settings = self.name, self._formulation, self._settings
+        require_choice(part, "formulation", formulation, FORMULATIONS)
+        if self._make_kinematics is not None:
+            unused = [*settings, *(["formulation"] if formulation != _DEFAULT_FORMULATION else [])]
+            if unused:
+                raise BeamdaeError(
+                    f"{part}: {' and '.join(unused)} must be omitted with custom kinematics, "
+                    "which replaces the built-in formulations."
+                )
+            return create_custom_kinematics(part, self._make_kinematics, self.mesh, self.section)
+        kinematics = _kinematics_type(formulation)
+        supported = {field.name for field in fields(kinematics)}
+        unsupported = [name for name in settings if name not in supported]
+        if unsupported:
+            raise BeamdaeError(
+                f"{part}: {' and '.join(unsupported)} must be omitted with "
+                f"formulation={formulation!r}; alternatively, use "
+                f"formulation={_DEFAULT_FORMULATION!r}."
+            )
+        return kinematics(part, self.mesh, self.section, **settings)
 
     @cached_property
     def _has_final_mesh(self) -> bool:
@@ -336,22 +349,11 @@ class Beam(Part):
         """
         if self._has_final_mesh:
             return self.mesh
-        kinks = self.section.kinks if isinstance(self.section, VaryingSection) else ()
-        stops = {*arc_lengths, *(kinks or ())}
+        stops = {*arc_lengths, *(self.section.kinks or ())}
         if self._has_chosen_mesh:
-            stops |= {*self._section_jumps, *curve_breaks(self.curve)}
+            stops |= {*self.section.jumps, *curve_breaks(self.curve)}
             return intern_mesh(choose_mesh(self.curve, sorted(stops), self._has_moving_load))
         return intern_mesh(self.mesh.with_ends_at(sorted(stops)))
-
-    @property
-    def _section_breaks(self) -> tuple[float, ...]:
-        """Arc lengths [m] of kinks, jumps and narrow places of the section."""
-        return self.section.breaks if isinstance(self.section, VaryingSection) else ()
-
-    @property
-    def _section_jumps(self) -> tuple[float, ...]:
-        """Arc lengths [m] just beyond jumps of the section, if it is a function."""
-        return self.section.jumps if isinstance(self.section, VaryingSection) else ()
 
     def _prepare(self, attached: Sequence[AttachedPart], has_fixed_coordinates: bool) -> bool:
         """Place element ends at attachments and kinks of the section, and make the mesh final.
@@ -739,10 +741,7 @@ class Beam(Part):
                 raise BeamdaeError(f"{self.name}: s is empty; pass at least one arc length [m].")
             arc_lengths = tuple(self._require_arc_length(x) for x in entries)
         if exponent is not None:
-            exponent = require_finite(self.name, "exponent", exponent)
-            if not 1.0 <= exponent <= _MAX_EXPONENT:
-                _, most, p = format_distinct(1.0, _MAX_EXPONENT, exponent)
-                raise BeamdaeError(f"{self.name}: exponent must be between 1 and {most}, got {p}.")
+            exponent = require_between(self.name, "exponent", exponent, 1.0, _MAX_EXPONENT)
         return self._evaluate_largest_stress(arc_lengths, exponent)
 
     @rebuilt_for_mesh
@@ -782,11 +781,11 @@ class Beam(Part):
         intervals = max(2, math.ceil(least / mesh.elements))
         places = mesh.with_divided_elements(intervals).element_bounds.copy()
         inner = np.arange(len(places)) % intervals > 0
-        breaks = [s for s in self._section_breaks if not mesh.has_end_at(s)]
+        breaks = [s for s in self.section.breaks if not mesh.has_end_at(s)]
         for s in breaks[: np.count_nonzero(inner)]:
             nearest = int(np.argmin(np.where(inner, np.abs(places - s), np.inf)))
             places[nearest], inner[nearest] = s, False
-        before = mesh.just_before(np.array(self._section_jumps)).tolist()
+        before = mesh.just_before(np.array(self.section.jumps)).tolist()
         at_sides = (x for s in places.tolist() for x in mesh.sides_of(s))
         return tuple(sorted({*at_sides, *before}))
 
@@ -973,35 +972,6 @@ def _kinematics_type(formulation: str) -> type[FloatingFrame] | type[Geometrical
     from beamdae.beams.exact import GeometricallyExact
 
     return GeometricallyExact
-
-
-def _create_kinematics(
-    part: str,
-    formulation: str,
-    make: Callable[[str, Mesh, Any], Kinematics] | None,
-    mesh: Mesh,
-    section: Any,
-    settings: Mapping[str, Any],
-) -> Kinematics:
-    require_choice(part, "formulation", formulation, FORMULATIONS)
-    if make is not None:
-        unused = [*settings, *(["formulation"] if formulation != _DEFAULT_FORMULATION else [])]
-        if unused:
-            raise BeamdaeError(
-                f"{part}: {' and '.join(unused)} must be omitted with custom kinematics, "
-                "which replaces the built-in formulations."
-            )
-        return create_custom_kinematics(part, make, mesh, section)
-    kinematics = _kinematics_type(formulation)
-    supported = {field.name for field in fields(kinematics)}
-    unsupported = [name for name in settings if name not in supported]
-    if unsupported:
-        raise BeamdaeError(
-            f"{part}: {' and '.join(unsupported)} must be omitted with "
-            f"formulation={formulation!r}; alternatively, use "
-            f"formulation={_DEFAULT_FORMULATION!r}."
-        )
-    return kinematics(part, mesh, section, **settings)
 
 
 def _parse_elements(

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -298,6 +298,10 @@ class Section:
     height: float | None = None
     shear_peak: float = 1.5
     shapes: tuple[CenteredShape, ...] = ()
+    # Arc lengths [m] in beams, see `VaryingSection`.
+    kinks: ClassVar[tuple[float, ...]] = ()
+    breaks: ClassVar[tuple[float, ...]] = ()
+    jumps: ClassVar[tuple[float, ...]] = ()
 
     def __post_init__(self) -> None:
         require_material("Section", self.material)

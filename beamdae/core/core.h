@@ -82,7 +82,7 @@ typedef struct {
     Reals gather_weights;
     Indices add_targets, add_sources, weighted_targets, weighted_sources;
     Reals weights;
-    Indices2 pick_tiles, add_tiles;
+    Indices2 pick_tiles;
 } Sum;
 
 void evaluate_sum(Sum *total, Reals x, Reals result);

@@ -9,7 +9,7 @@ typedef void (*Kernel)(const double *shared, const double *local, double *out, i
 
 /* Row of `Sum.batches`: start of the inputs, number of lanes, and ends of the entries of tables. */
 typedef struct {
-    int64_t start, lanes, pick, gather, add, weighted, pick_tile, add_tile;
+    int64_t start, lanes, pick, gather, add, weighted, pick_tile;
 } Batch;
 
 /* Up to `TILE_ROWS` rows of lanes in a batch: position of the first number, number of rows, and
@@ -50,21 +50,9 @@ static inline void pick_tile(double *out, int64_t stride, const double *x, const
     }
 }
 
-/* Add rows to vector[index + i]; zeros are added for rows that the tile does not have. */
-static inline void add_tile(double *x, const double *out, int64_t stride, const Tile *tile) {
-    for (int half = 0; half < LANES; half += TILE_ROWS) {
-        Run rows[TILE_ROWS] = {{0.0}};
-        for (uint32_t i = 0; i < tile->height; i++)
-            rows[i] = *(const Run *)(out + tile->start + half + i * stride);
-        transpose(rows);
-        for (int l = 0; l < TILE_ROWS; l++) *(Run *)(x + tile->lanes[half + l]) += rows[l];
-    }
-}
-
 void evaluate_with_data(Sum *total, Reals inputs, Reals x, Reals result) {
     double *local = inputs.at, *out = total->out.at;
     const Tile *pick_tiles = (const Tile *)total->pick_tiles.at;
-    const Tile *add_tiles = (const Tile *)total->add_tiles.at;
     Batch last = {0};
     fill(result, 0.0);
     for (int64_t k = 0; k < total->batches.rows; k++) {
@@ -75,8 +63,6 @@ void evaluate_with_data(Sum *total, Reals inputs, Reals x, Reals result) {
         GATHER(local, total->gather_targets.at, total->gather_weights.at, x.at,
                total->gather_sources.at, last.gather, batch.gather);
         ((Kernel)total->kernels.at[k])(total->shared.at, local + batch.start, out, batch.lanes);
-        for (int64_t i = last.add_tile; i < batch.add_tile; i++)
-            add_tile(result.at, out, batch.lanes, add_tiles + i);
         ADD(result.at, total->add_targets.at, out, total->add_sources.at, last.add, batch.add);
         ADD_WEIGHTED(result.at, total->weighted_targets.at, total->weights.at, out,
                      total->weighted_sources.at, last.weighted, batch.weighted);

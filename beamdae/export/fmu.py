@@ -61,10 +61,8 @@ from beamdae.integrators.alpha.family import family_parameters
 from beamdae.integrators.alpha.generalized_alpha import GeneralizedAlpha
 from beamdae.integrators.alpha.stepper import AlphaStepper
 from beamdae.integrators.compiled_run import require_core
-from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import motion_scales
 from beamdae.integrators.integrator import Integrator
-from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.radau.radau import Radau
 from beamdae.integrators.radau.stepper import RadauStepper
 from beamdae.integrators.reaction_balance import remove_redundant
@@ -631,17 +629,17 @@ def plan_radau(
 
     The lower bound on 2 / h^2 of the first step h [1/s^2] follows the work arrays.
     """
-    method = replace(integrator, max_steps=1, time_limit=None)
-    pilot = replace(method, rtol=PILOT_RTOL)
     plans: list[RunPlan] = []
 
-    def method_on(plan: RunPlan) -> RadauStepper:
-        plans.append(plan)
-        return method.method_on(plan)
+    class Recorder(Radau):
+        def method_on(self, plan: RunPlan) -> RadauStepper:
+            plans.append(plan)
+            return super().method_on(plan)
 
     # The main run ends after one step.
-    drive(method, equations, times, method_on, None, pilot.method_on)
-    stepper = method.method_on(plans[-1])
+    settings = vars(integrator) | {"max_steps": 1, "time_limit": None}
+    Recorder(**settings).integrate(equations, times)
+    stepper = integrator.method_on(plans[-1])
     local = stepper.resolved_options["local_tolerance"]
     return stepper.workspace, motion_scales(plans[-1]).rate ** 2 / local
 

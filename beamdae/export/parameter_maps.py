@@ -168,32 +168,27 @@ class _Samples:
                     f"({format_exception(problem)}); choose defaults inside the limits of the "
                     "model, or export fewer parameters."
                 ) from problem
-            self._require_same_equations(tuple(changes), e, state)
+            first, what = self._equations, ""
+            if e.structure != first.structure or len(e.p) != len(first.p):
+                what = "the structure of the equations, such as its mesh or geometry"
+            elif e.breakpoints != first.breakpoints or not np.array_equal(
+                e.position_scales, first.position_scales
+            ):
+                what = "the times of breakpoints or the size of the mechanism"
+            else:
+                for new, old in ((state.q, self._state.q), (state.v, self._state.v)):
+                    size = max(1.0, float(np.max(np.abs(old), initial=0.0)))
+                    if np.max(np.abs(new - old), initial=0.0) > _START_ROUNDING * size:
+                        what = "positions or velocities at the start"
+                        if starts_in_equilibrium(first):
+                            what += ", which is the equilibrium of the model"
+            if what:
+                raise BeamdaeError(
+                    f"{self.part}: changes of {', '.join(changes)} affect {what}; export only "
+                    "parameters that change nothing but numbers of the equations."
+                )
             self._numbers[key] = e.p
         return self._numbers[key]
-
-    def _require_same_equations(
-        self, names: tuple[str, ...], e: EquationsOfMotion, state: State
-    ) -> None:
-        first, what = self._equations, ""
-        if e.structure != first.structure or len(e.p) != len(first.p):
-            what = "the structure of the equations, such as its mesh or geometry"
-        elif e.breakpoints != first.breakpoints or not np.array_equal(
-            e.position_scales, first.position_scales
-        ):
-            what = "the times of breakpoints or the size of the mechanism"
-        else:
-            for new, old in ((state.q, self._state.q), (state.v, self._state.v)):
-                size = max(1.0, float(np.max(np.abs(old), initial=0.0)))
-                if np.max(np.abs(new - old), initial=0.0) > _START_ROUNDING * size:
-                    what = "positions or velocities at the start"
-                    if starts_in_equilibrium(first):
-                        what += ", which is the equilibrium of the model"
-        if what:
-            raise BeamdaeError(
-                f"{self.part}: changes of {', '.join(names)} affect {what}; export only "
-                "parameters that change nothing but numbers of the equations."
-            )
 
 
 def _find_exponents(samples: _Samples, name: str) -> dict[int, int]:

@@ -10,7 +10,6 @@ import numpy as np
 from beamdae.core.library import load_core
 from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import MissingPackageError, warn_once
-from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import needs_radau
 from beamdae.integrators.integrator import (
     DEFAULT_RTOL,
@@ -79,20 +78,19 @@ class Auto(AdaptiveIntegrator):
     ) -> Solution:
         """Integrate over the output times; see `Integrator.integrate`."""
         began = clock.perf_counter()
-        pilot = replace(self, rtol=PILOT_RTOL)
-        first = drive(self, equations, times, self._choose, progress, pilot._choose)
+        first = super().integrate(equations, times, progress)
         failed = first.status.kind == "failed" and first.integrator["method"] == "Ida"
         if not failed or load_core() is None:  # Radau needs the core.
             return first
-        limited = self
-        if self.time_limit is not None:
-            remaining = self.time_limit - (clock.perf_counter() - began)
+        remaining = self.time_limit
+        if remaining is not None:
+            remaining -= clock.perf_counter() - began
             if remaining <= 0.0:
                 return first
-            limited = replace(self, time_limit=remaining)
+        radau = replace(self._radau, max_steps=self.max_steps, time_limit=remaining)
         end = f"t = {first.trajectory.end:.6g} s"
         try:
-            second = drive(limited, equations, times, self._radau, progress, pilot._radau)
+            second = radau.integrate(equations, times, progress)
         except KeyboardInterrupt as problem:
             acknowledge()
             longer, status = first, Status("interrupted", f"interrupted at {end}")
@@ -107,12 +105,19 @@ class Auto(AdaptiveIntegrator):
             return first
         end = f"t = {first.trajectory.end:.6g} s"
         note = f"Ida failed at {end}; the run was repeated by Radau"
-        settings = {**second.integrator, "time_limit": self.time_limit, "note": note}
+        own = {"integrator": self.method, "time_limit": self.time_limit, "note": note}
+        settings = second.integrator | own
         return replace(second, made_by=self, integrator=settings)
 
-    def _choose(self, plan: RunPlan) -> Method:
+    @property
+    def pilot(self) -> Auto:
+        """Integrator of pilot runs."""
+        return replace(self, rtol=PILOT_RTOL)
+
+    def method_on(self, plan: RunPlan) -> Method:
+        """Return the stepper of `Radau` or `Ida` for a plan."""
         if load_core() is not None and needs_radau(plan, self.rtol):
-            return self._radau(plan)
+            return self._radau.method_on(plan)
         # Imported here because many runs do not need Ida.
         from beamdae.integrators.ida.ida import Ida
 
@@ -122,7 +127,8 @@ class Auto(AdaptiveIntegrator):
             if load_core() is None:
                 raise
             warn_once(f"Auto: {problem.reason}; Radau is used instead of Ida.")
-            return self._radau(plan)
+            return self._radau.method_on(plan)
 
-    def _radau(self, plan: RunPlan) -> Method:
-        return Radau(self.rtol, max_step=self.max_step).method_on(plan)
+    @property
+    def _radau(self) -> Radau:
+        return Radau(self.rtol, max_step=self.max_step)

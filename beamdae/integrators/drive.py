@@ -73,30 +73,24 @@ def drive(
     integrator: Integrator,
     equations: EquationsOfMotion,
     times: Array,
-    method_on: Callable[[RunPlan], Method],
     progress: Progress | None,
-    pilot_on: Callable[[RunPlan], Method] | None = None,
 ) -> Solution:
     """Run a method over all smooth intervals and return the solution.
 
     Parameters
     ----------
     integrator
-        Settings, a dataclass; its optional fields `max_steps` and `time_limit` limit the run.
+        Settings, a dataclass; its optional fields `max_steps` and `time_limit` limit the run. Its
+        `method_on` creates the method for a plan, compiles its step loop and resolves settings that
+        are "auto". There are pilot runs of its `pilot`, which measure the amplitudes of the motion,
+        unless the equations define their scales.
     equations
         Equations of motion. Redundant constraints are removed first if the model requests it, and
         their reactions are restored in the solution.
     times
         Ascending output times [s]; the run covers the range from the first to the last.
-    method_on
-        Function that creates the method for a plan, compiles its step loop and resolves settings
-        that are "auto".
     progress
         Function called with the time reached [s]; see `Integrator.integrate`.
-    pilot_on
-        Function that creates a method with the tolerance PILOT_RTOL for pilot runs, which measure
-        the amplitudes of the motion. There are no pilot runs if it is None or if the equations
-        define their scales.
 
     Raises
     ------
@@ -113,7 +107,7 @@ def drive(
         with single_threaded, np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             reduced = remove_redundant(equations, float(times[0]))
             independent = equations if reduced is None else reduced.equations
-            solution = _drive(integrator, independent, times, method_on, progress, pilot_on)
+            solution = _drive(integrator, independent, times, progress)
             solution = balance_reactions(solution)
             if reduced is not None:
                 solution = restore_reactions(solution, reduced)
@@ -129,12 +123,7 @@ def drive(
 
 
 def _drive(
-    integrator: Integrator,
-    equations: EquationsOfMotion,
-    times: Array,
-    method_on: Callable[[RunPlan], Method],
-    progress: Progress | None,
-    pilot_on: Callable[[RunPlan], Method] | None,
+    integrator: Integrator, equations: EquationsOfMotion, times: Array, progress: Progress | None
 ) -> Solution:
     settings = asdict(integrator)  # type: ignore[call-overload]
     require_limits(integrator)
@@ -142,6 +131,8 @@ def _drive(
     first = initial_configuration(equations)
     rtol = float(settings["rtol"]) if integrator.accuracy.name == "rtol" else None
     plan = plan_run(equations if first is None else first.equations, times, rtol is not None)
+    step = integrator.accuracy.value if rtol is None else None
+    plan.require_feasible_steps(integrator.method, step, settings.get("max_step"))
     planning_time = clock.perf_counter() - planning_began
 
     run_began = clock.perf_counter()
@@ -151,12 +142,12 @@ def _drive(
     samples: list[RepeatedSample] = []
 
     def execute(
-        method_on: Callable[[RunPlan], Method], label: str, plan: RunPlan, limits: RunLimits
+        of: Integrator, label: str, plan: RunPlan, limits: RunLimits
     ) -> tuple[Trajectory, Status]:
         """Execute a run, which repeats and extends samples; a `label` is that of a pilot run."""
         nonlocal run, compile_time
         began = clock.perf_counter()
-        run = _RunInProgress(equations, plan, method_on, limits, times, rtol, samples, label)
+        run = _RunInProgress(equations, plan, of.method_on, limits, times, rtol, samples, label)
         preparation = clock.perf_counter() - began
         compile_time += preparation
         if label:
@@ -165,15 +156,15 @@ def _drive(
         return run.execute()
 
     try:
-        if pilot_on is not None and equations.scales is None:
+        if integrator.pilot is not None and equations.scales is None:
             plan = adopt_amplitudes(plan)
             if plan.amplitudes is None:
-                plan = run_pilot(plan, partial(execute, pilot_on, PILOT_LABEL), limits)
+                plan = run_pilot(plan, partial(execute, integrator.pilot, PILOT_LABEL), limits)
         if rtol is not None and limits.max_steps is None:
             interval = plan.intervals[0][0], plan.intervals[-1][1]
             limits.pace_check = PaceCheck(*interval)
         followed_vibration.set("")
-        trajectory, status = execute(method_on, "", plan, limits)
+        trajectory, status = execute(integrator, "", plan, limits)
     except KeyboardInterrupt:
         if run is None:
             raise

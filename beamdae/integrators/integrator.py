@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 import numpy as np
@@ -13,11 +14,12 @@ from beamdae import deferred
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.errors import (
     BeamdaeError,
+    convert_fields,
+    optional,
     plain_text,
     require_between,
     require_count,
     require_positive,
-    set_fields,
     short_repr,
 )
 from beamdae.integrators.limits import Progress
@@ -253,6 +255,11 @@ class Integrator(ABC):
         """Name of the method with its step or rtol, for tables."""
         return f"{self.method}({self.accuracy.name}={self.accuracy.value:g})"
 
+    @property
+    def pilot(self) -> Integrator | None:
+        """Integrator with the tolerance PILOT_RTOL for pilot runs; None (default) for none."""
+        return None
+
     def method_on(self, plan: RunPlan) -> Method:
         """Return the object that takes the steps of a run.
 
@@ -300,7 +307,7 @@ class Integrator(ABC):
             `drive` may return a solution with the status "interrupted" instead.
         """
         drive = deferred.module("integrators.drive").drive
-        solution: Solution = drive(self, equations, times, self.method_on, progress)
+        solution: Solution = drive(self, equations, times, progress)
         return solution
 
 
@@ -321,33 +328,32 @@ class AdaptiveIntegrator(Integrator):
 
 
 def require_tolerance(settings: Any) -> None:
-    """Check and convert the fields `rtol` and, if set, `max_step`, `max_steps` and `time_limit`.
+    """Check and convert the field `rtol`, and those of `require_limits`.
 
     Raises
     ------
     BeamdaeError
         If a value is invalid.
     """
-    name = type(settings).__name__
-    set_fields(settings, rtol=require_between(name, "rtol", settings.rtol, _MIN_RTOL, _MAX_RTOL))
-    if getattr(settings, "max_step", None) is not None:
-        set_fields(settings, max_step=require_positive(name, "max_step", settings.max_step))
+    convert_fields(settings, rtol=partial(require_between, least=_MIN_RTOL, most=_MAX_RTOL))
     require_limits(settings)
 
 
 def require_limits(settings: Any) -> None:
-    """Check and convert the optional fields `time_limit` [s] and `max_steps` of an integrator.
+    """Check and convert the optional fields `max_step`, `time_limit` [s] and `max_steps`.
 
     Raises
     ------
     BeamdaeError
         If a value is invalid.
     """
-    name = type(settings).__name__
-    if getattr(settings, "time_limit", None) is not None:
-        set_fields(settings, time_limit=require_positive(name, "time_limit", settings.time_limit))
-    if getattr(settings, "max_steps", None) is not None:
-        set_fields(settings, max_steps=require_count(name, "max_steps", settings.max_steps))
+    converters = {
+        "max_step": require_positive,
+        "time_limit": require_positive,
+        "max_steps": require_count,
+    }
+    own = {name: optional(x) for name, x in converters.items() if hasattr(settings, name)}
+    convert_fields(settings, **own)
 
 
 def require_integrator(part: str, value: Any) -> Integrator:

@@ -7,13 +7,11 @@ from collections.abc import Callable
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 
-from beamdae.errors import BeamdaeError, call_progress
+from beamdae.errors import call_progress
 
 # Function of the time reached [s]; a returned string stops the run and becomes the reason.
 Progress = Callable[[float], str | None]
 
-# Runs that would need more steps are rejected.
-MAX_PLANNED_STEPS = 1e8
 # A run stops if more steps than this remain, ...
 _MAX_REMAINING_STEPS = 1e7
 # ... from this number of steps on. Before, the limit is inversely proportional to the number of
@@ -157,21 +155,3 @@ class RunLimits:
         answer = call_progress(self.progress, t)
         # Functions that update progress bars may return other objects.
         return answer if isinstance(answer, str) else ""
-
-
-def require_feasible_step(part: str, setting: str, step: float, duration: float) -> None:
-    """Reject a step [s] that is too short for a run of this duration [s].
-
-    In the error message, `part` names the integrator and `setting` names the step.
-
-    Raises
-    ------
-    BeamdaeError
-        If the run would take more than MAX_PLANNED_STEPS steps.
-    """
-    if duration > MAX_PLANNED_STEPS * step:
-        raise BeamdaeError(
-            f"{part}: {setting} of {step:.3g} s requires {duration / step:.2g} steps "
-            f"in {duration:g} s, more than the maximum of {MAX_PLANNED_STEPS:.0e}; use "
-            "a longer step or an earlier end time."
-        )

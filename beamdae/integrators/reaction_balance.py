@@ -18,6 +18,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from beamdae.equations.equations_of_motion import EquationsOfMotion
+from beamdae.equations.smooth_intervals import time_on_branch
 from beamdae.equations.starts.dependent_constraints import (
     MIN_RELATIVE_SHARE,
     build_constraint_jacobian,
@@ -44,8 +45,7 @@ def remove_redundant(equations: EquationsOfMotion, start: float) -> ReducedEquat
     # Models without redundant constraints start faster without this import.
     from beamdae.equations.starts.reduced_equations import remove_redundant_constraints
 
-    after = next((b for b in equations.breakpoints if b > start), start + 1.0)
-    return remove_redundant_constraints(equations, np.array([start, 0.5 * (start + after)]))
+    return remove_redundant_constraints(equations, time_on_branch(equations.breakpoints, start))
 
 
 def restore_reactions(solution: Solution, reduced: ReducedEquations) -> Solution:

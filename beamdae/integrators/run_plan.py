@@ -15,8 +15,8 @@ from scipy.sparse.csgraph import connected_components
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
 from beamdae.equations.smooth_intervals import branch_time, plan_ends, time_on_branch
 from beamdae.equations.starts.consistent_start import ConsistencySolver
+from beamdae.errors import BeamdaeError
 from beamdae.integrators.compiled_run import FactorizedMatrix
-from beamdae.integrators.limits import require_feasible_step
 from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE
 from beamdae.results.trajectory import Trajectory
 from beamdae.symbolic.sparse_operators import column_indices
@@ -220,6 +220,8 @@ def _round_to_two_digits(value: float) -> float:
     return float(f"{value:.1e}")
 
 
+# Runs that would need more steps are rejected.
+_MAX_PLANNED_STEPS = 1e8
 # Least number of steps in a run; with `MIN_STEPS_PER_TIME_SCALE` it sets the default longest step.
 _MIN_STEPS_PER_RUN = 20.0
 
@@ -291,27 +293,37 @@ class RunPlan:
         """Duration of the run [s]."""
         return self.intervals[-1][1] - self.intervals[0][0]
 
-    def longest_step(self, part: str, max_step: float | None) -> float:
+    def longest_step(self, max_step: float | None) -> float:
         """Return the longest step [s]: `max_step`, or by default a step that resolves the laws.
 
         The default is a twentieth of the run, or a quarter of the time scale of the laws if this is
-        shorter. `part` names the integrator in error messages.
+        shorter.
+        """
+        if max_step is not None:
+            return max_step
+        scale, longest = self.equations.time_scale, self.duration / _MIN_STEPS_PER_RUN
+        return longest if scale is None else min(longest, scale / MIN_STEPS_PER_TIME_SCALE)
+
+    def require_feasible_steps(self, part: str, step: float | None, max_step: float | None) -> None:
+        """Reject equal steps `step` [s], or longest adaptive ones, too short for this run.
+
+        `part` names the integrator in the message.
 
         Raises
         ------
         BeamdaeError
             If the run would take more than 1e8 steps of this length.
         """
-        if max_step is not None:
-            require_feasible_step(part, "max_step", max_step, self.duration)
-            return max_step
-        scale, longest = self.equations.time_scale, self.duration / _MIN_STEPS_PER_RUN
-        if scale is None:
-            return longest
-        resolving = scale / MIN_STEPS_PER_TIME_SCALE
         setting = "the longest step (a quarter of the time scale of the laws)"
-        require_feasible_step(part, setting, resolving, self.duration)
-        return min(longest, resolving)
+        if step is not None or max_step is not None:
+            setting = "max_step" if step is None else "step"
+        longest = self.longest_step(max_step) if step is None else step
+        if self.duration > _MAX_PLANNED_STEPS * longest:
+            raise BeamdaeError(
+                f"{part}: {setting} of {longest:.3g} s requires {self.duration / longest:.2g} "
+                f"steps in {self.duration:g} s, more than the maximum of {_MAX_PLANNED_STEPS:.0e}; "
+                "use a longer step or an earlier end time."
+            )
 
 
 def plan_run(equations: EquationsOfMotion, times: Array, is_adaptive: bool = True) -> RunPlan:

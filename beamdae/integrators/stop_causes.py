@@ -111,19 +111,7 @@ def _describe_abrupt_force(e: EquationsOfMotion, time: Array, state: State, step
     a = state.a if step else np.zeros(e.n)
     q, v = state.q + ahead * state.v + 0.5 * ahead**2 * a, state.v + ahead * a
     times = np.column_stack([time[0] + ahead[:, 0], np.full(len(ahead), time[1])])
-    changes = _measure_changes(e, times, q, v)
-    worst = max(changes, key=changes.__getitem__, default="")
-    inertia = StateEvaluator(e).mass_matrix(time, state.q) @ state.a
-    if not worst or changes[worst] <= _MIN_CHANGE * np.max(np.abs(inertia) * e.position_scales):
-        return ""
-    return f"the force of {worst} changes abruptly within {duration:.2g} s"
-
-
-def _measure_changes(e: EquationsOfMotion, times: Array, q: Array, v: Array) -> dict[str, float]:
-    """Return the largest change of the force of each part from the first row on, in scaled form.
-
-    Inertia, floating frames and forces by multipliers are left out.
-    """
+    # Without inertia, floating frames and forces by multipliers.
     changes: dict[str, float] = {}
     for term in compile_formula_forces(
         e, lambda kernel: not (kernel.has_accelerations or kernel.local.n_multipliers)
@@ -132,7 +120,11 @@ def _measure_changes(e: EquationsOfMotion, times: Array, q: Array, v: Array) -> 
         scaled = np.abs(force - force[0]) * (abs(term.operator) @ e.position_scales)
         change = float(np.max(np.nan_to_num(scaled, nan=np.inf), initial=0.0))
         changes[term.part] = max(change, changes.get(term.part, 0.0))
-    return changes
+    worst = max(changes, key=changes.__getitem__, default="")
+    inertia = StateEvaluator(e).mass_matrix(time, state.q) @ state.a
+    if not worst or changes[worst] <= _MIN_CHANGE * np.max(np.abs(inertia) * e.position_scales):
+        return ""
+    return f"the force of {worst} changes abruptly within {duration:.2g} s"
 
 
 def _describe_fastest_coordinate(e: EquationsOfMotion, state: State) -> str:

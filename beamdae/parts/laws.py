@@ -40,7 +40,7 @@ from beamdae.symbolic.signals import (
     with_references,
 )
 from beamdae.symbolic.statements import SX
-from beamdae.symbolic.table_lookups import TableCall, record_calls
+from beamdae.symbolic.table_lookups import record_calls
 
 # Operations with jumps or kinks, at which an integrator would not stop.
 _NONSMOOTH_OPERATIONS = JUMP_OPERATIONS | by_operation(
@@ -346,7 +346,11 @@ def as_law(part: str, value: Any, start: float = 0.0) -> Law:
 
 
 def _split_at_tables(part: str, function: Callable[[Any], Any]) -> Law:
-    """Return a function of t as a law, with breakpoints where tables in it have kinks."""
+    """Return a function of t as a law with smooth pieces.
+
+    The breakpoints are the times at which the argument of a table in it passes an end of the table,
+    or a row at which its value or slope jumps.
+    """
     t = SX.sym("t")
     with record_calls(as_symbols=True) as calls:
         try:
@@ -359,7 +363,30 @@ def _split_at_tables(part: str, function: Callable[[Any], Any]) -> Law:
     symbols = [t, *(call.value for call in calls)]
     if isinstance(value, SX):
         _require_smooth(part, function, ca.Function("law", symbols, [with_references(value)]))
-    return _split_at_rows(part, function, calls, t)
+    times: set[float] = set()
+    time_scales: list[float] = []
+    ranges: list[TableRange] = []
+    for table, arguments, _ in calls:
+        for axis, (knots, argument) in enumerate(zip(table.axes, arguments, strict=True)):
+            rate, offset = _as_line(part, table, argument, t)
+            if rate == 0.0:
+                continue
+            if table.is_repeated and not table.is_smooth:
+                raise BeamdaeError(
+                    f"{part}: {table.name} is repeated and linear, so that a law of time would "
+                    "have breakpoints in each period; use kind='pchip', or repeat the rows of one "
+                    "period for the whole run."
+                )
+            times.update(((table.kinks(axis) - offset) / rate).tolist())
+            row_times = sorted(((knots - offset) / rate).tolist())
+            if table.is_smooth:
+                shortest = float(np.min(np.diff(row_times)))
+                time_scales.append(MIN_STEPS_PER_TIME_SCALE * shortest)
+            if table.outside == "error":
+                times.update(row_times[:: len(row_times) - 1])
+                ranges.append(TableRange(table, axis, rate, offset))
+    pieces = (function,) * (len(times) + 1)
+    return Law(pieces, tuple(sorted(times)), min(time_scales, default=None), tuple(ranges))
 
 
 def _constant_expression(value: SX) -> Callable[[Any], SX]:
@@ -536,40 +563,6 @@ def piecewise(*pieces: Any) -> Law:
         for x in law.ranges
     )
     return Law(tuple(functions), tuple(breakpoints[:-1]), min(scales, default=None), ranges)
-
-
-def _split_at_rows(
-    part: str, function: Callable[[Any], Any], calls: Sequence[TableCall], t: SX
-) -> Law:
-    """Return a function of t that contains tables of time as a law with smooth pieces.
-
-    The breakpoints are the times at which the argument of a table passes an end of the table, or
-    a row at which its value or slope jumps.
-    """
-    times: set[float] = set()
-    time_scales: list[float] = []
-    ranges: list[TableRange] = []
-    for table, arguments, _ in calls:
-        for axis, (knots, argument) in enumerate(zip(table.axes, arguments, strict=True)):
-            rate, offset = _as_line(part, table, argument, t)
-            if rate == 0.0:
-                continue
-            if table.is_repeated and not table.is_smooth:
-                raise BeamdaeError(
-                    f"{part}: {table.name} is repeated and linear, so that a law of time would "
-                    "have breakpoints in each period; use kind='pchip', or repeat the rows of one "
-                    "period for the whole run."
-                )
-            times.update(((table.kinks(axis) - offset) / rate).tolist())
-            row_times = sorted(((knots - offset) / rate).tolist())
-            if table.is_smooth:
-                shortest = float(np.min(np.diff(row_times)))
-                time_scales.append(MIN_STEPS_PER_TIME_SCALE * shortest)
-            if table.outside == "error":
-                times.update(row_times[:: len(row_times) - 1])
-                ranges.append(TableRange(table, axis, rate, offset))
-    pieces = (function,) * (len(times) + 1)
-    return Law(pieces, tuple(sorted(times)), min(time_scales, default=None), tuple(ranges))
 
 
 def _as_line(part: str, table: Table, argument: SX, t: SX) -> tuple[float, float]:

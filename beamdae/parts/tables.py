@@ -282,19 +282,13 @@ class Table:
                 "time laws; use kind='linear' or 'pchip' in other formulas."
             )
         if not is_inside_formula() and (signals := find_signals(*arguments)):
-            return self._express_signals(arguments, signals)
+            # The formula of the value is known only to its numbers: a signal of this call.
+            numbers = _TableNumbers(self._signal.data)
+            value = self._express_value(self._split_numbers(numbers.value_symbol), arguments)
+            numbers.table_call = TableCall(self, arguments, value)
+            signals[0].keep(numbers)
+            return value
         return record_call(self, arguments, self._express_value(self._numbers, arguments))
-
-    def _express_signals(self, arguments: tuple[SX, ...], signals: Sequence[Signal]) -> SX:
-        """Return the value of the table for arguments that contain signals, outside formulas.
-
-        The formula of the value is known only to its numbers: these are a signal of this call.
-        """
-        numbers = _TableNumbers(self._signal.data)
-        value = self._express_value(self._split_numbers(numbers.value_symbol), arguments)
-        numbers.table_call = TableCall(self, arguments, value)
-        signals[0].keep(numbers)
-        return value
 
     def _express_value(self, x: _Numbers, arguments: tuple[SX, ...]) -> SX:
         if self.is_repeated:

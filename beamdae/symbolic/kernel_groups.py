@@ -64,21 +64,22 @@ def group_by_kernel(statements: Sequence[Statement]) -> list[KernelGroup]:
     """Group statements whose kernels are equal, except for the numbers in them."""
     groups: dict[Hashable, list[int]] = {}
     for k, statement in enumerate(statements):
-        kernel = statement.kernel
-        groups.setdefault(_describe_kernel(kernel) or id(kernel), []).append(k)
-    return [_form_group(key, members, statements) for key, members in groups.items()]
-
-
-def _form_group(key: Any, members: list[int], statements: Sequence[Statement]) -> KernelGroup:
-    group = [statements[k] for k in members]
-    data = np.concatenate([statement.data for statement in group], axis=1)
-    if not isinstance(key, _KernelRecipe):
-        return KernelGroup(group[0].kernel, members, data)
-    numbers = [
-        np.repeat(_extract_constants(x.kernel)[:, None], x.data.shape[1], axis=1) for x in group
-    ]
-    all_data = np.concatenate([data, np.concatenate(numbers, axis=1)])
-    return KernelGroup(_rebuild_kernel(key), members, all_data)
+        of_kernel = _describe_kernel(statement.kernel) or id(statement.kernel)
+        groups.setdefault(of_kernel, []).append(k)
+    formed = []
+    for key, members in groups.items():
+        group = [statements[k] for k in members]
+        kernel: Any = group[0].kernel
+        data = np.concatenate([x.data for x in group], axis=1)
+        if isinstance(key, _KernelRecipe):
+            numbers = [
+                np.repeat(_extract_constants(x.kernel)[:, None], x.data.shape[1], axis=1)
+                for x in group
+            ]
+            kernel = _rebuild_kernel(key)
+            data = np.concatenate([data, np.concatenate(numbers, axis=1)])
+        formed.append(KernelGroup(kernel, members, data))
+    return formed
 
 
 def generalize_quantity(kernel: QuantityKernel) -> tuple[Any, Array]:

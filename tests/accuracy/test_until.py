@@ -198,9 +198,9 @@ def test_a_time_limit_leaves_what_it_allows():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"accuracy": 1.0}, "accuracy must lie between"),
+        ({"accuracy": 1.0}, "accuracy must lie in"),
         ({"accuracy": "1%"}, "accuracy must be a number"),
-        ({"accuracy": 0.0}, "accuracy must lie between 1e-06 and 0.1, got 0"),
+        ({"accuracy": 0.0}, r"accuracy must lie in \[1e-06, 0.1\], got 0"),
         ({"accuracy_columns": ["uper"]}, r"no column 'uper' \(did you mean 'upper"),
         (
             {"accuracy_columns": [3]},

@@ -304,7 +304,7 @@ def test_smooth_maximum_of_a_peak_is_below_the_maximum_by_the_stated_ratio():
         (lambda: quantities.TimeIntegral("a", 3), "power must be one of 1, 2, got 3"),
         (
             lambda: quantities.SmoothMaximum("a", 0.5),
-            "exponent must be between 1 and 1000, got 0.5",
+            r"exponent must lie in \[1, 1000\], got 0.5",
         ),
         (lambda: quantities.SquaredErrors("a", [1.0, 0.5], [0.0, 0.0]), "ascending times"),
         (lambda: quantities.SquaredErrors("a", [0.5, 1.0], [0.0]), "got 1 values for 2 times"),

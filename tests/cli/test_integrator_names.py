@@ -41,7 +41,10 @@ class ImplicitEuler(bd.Integrator):
         return 1
 
     def integrate(self, equations, times, progress=None):
-        return drive(self, equations, times, lambda plan: EulerSteps(self, plan), progress)
+        return drive(self, equations, times, progress)
+
+    def method_on(self, plan):
+        return EulerSteps(self, plan)
 
 
 class EulerSteps:

@@ -407,7 +407,7 @@ UNKNOWN_YIELD = replace(STRIP, material=replace(STEEL, yield_stress=None))
         (lambda x: largest_stress([]), "bar: s is empty; pass at least one arc length"),
         (
             lambda x: largest_stress(exponent=0),
-            r"bar: exponent must be between 1 and 1000, got 0\.",
+            r"bar: exponent must lie in \[1, 1000\], got 0\.",
         ),
         (lambda x: largest_stress(section=bd.Section(STEEL, 3e-4, 2.5e-9)), "requires the height"),
         (

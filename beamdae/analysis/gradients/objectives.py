@@ -15,6 +15,7 @@ from beamdae.errors import (
     as_real,
     as_text,
     format_distinct,
+    require_between,
     require_choice,
     require_finite,
     require_sequence,
@@ -441,11 +442,7 @@ class SquaredErrors(Objective):
 
 def require_exponent(part: str, value: Any) -> float:
     """Return the exponent of a smooth maximum."""
-    p = require_finite(part, "exponent", value)
-    if not 1.0 <= p <= _MAX_EXPONENT:
-        _, most, given = format_distinct(1.0, _MAX_EXPONENT, p)
-        raise BeamdaeError(f"{part}: exponent must be between 1 and {most}, got {given}.")
-    return p
+    return require_between(part, "exponent", value, 1.0, _MAX_EXPONENT)
 
 
 def measure_norm(y: Array, p: float, weights: Array | float = 1.0) -> tuple[float, Array]:

@@ -129,7 +129,15 @@ class Configurations:
                 gap = FrozenGap(())
                 if name in follows_event:
                     gap = FrozenGap((), event.name, float(time[0]))
-                frozen_gaps[name] = self._freeze_gap(name, gap, time, q)
+                joint, law = self.mechanism.part(name), self._event_law(name, gap)
+                assert isinstance(joint, KinematicConstraint)
+                pieces = [point.piece for point in joint.points.values()]
+                rows = [q[self.coordinates.slice_of(x.owner)] for x in pieces]
+                local = [x.operator @ y for x, y in zip(pieces, rows, strict=True)]
+                # A law that begins here is evaluated on its first branch.
+                law_time = time if law is None else time[[0, 0]]
+                offsets = evaluate_frozen_gap(joint, law, law_time, np.concatenate(local))
+                frozen_gaps[name] = replace(gap, offsets=offsets)
         if inactive == now.inactive and frozen_gaps == now.frozen_gaps:
             return replace(now)
         return self.configuration_without(whole, inactive, frozen_gaps)
@@ -156,16 +164,6 @@ class Configurations:
             gaps += names if isinstance(part, ClosedGap) else []
         equations = replace(self.assemble(mechanism), **_shared_fields(whole))
         return ImpactEquations(equations, restitution, frozenset(gaps))
-
-    def _freeze_gap(self, name: str, gap: FrozenGap, time: Array, q: Array) -> FrozenGap:
-        """Return `gap` with the offsets of joint `name` at `time` = (t, branch) and `q`."""
-        joint, law = self.mechanism.part(name), self._event_law(name, gap)
-        assert isinstance(joint, KinematicConstraint)
-        pieces = [point.piece for point in joint.points.values()]
-        local = np.concatenate([x.operator @ q[self.coordinates.slice_of(x.owner)] for x in pieces])
-        # A law that begins here is evaluated on its first branch.
-        law_time = time if law is None else time[[0, 0]]
-        return replace(gap, offsets=evaluate_frozen_gap(joint, law, law_time, local))
 
     def _event_law(self, name: str, gap: FrozenGap) -> Law | None:
         """Return the law that an event set for joint `name`; None if no event did."""

@@ -60,33 +60,27 @@ class CoordinateMap:
 
     def global_operator(self, pieces: Sequence[Piece]) -> sp.csr_array:
         """Return the stacked operators of the pieces, extended to all coordinates, (rows, n)."""
-        operators = [_as_csr(x.operator) for x in pieces]
-        return _stack(operators, [self.offsets[id(x.owner)] for x in pieces], self.n)
-
-
-def _stack(operators: Sequence[sp.csr_array], columns: Sequence[int], n: int) -> sp.csr_array:
-    """Return the stacked operators, whose columns begin at the given column of `n`."""
-    # Not NumPy's sum, which takes longer for a few numbers.
-    ends = list(accumulate((x.nnz for x in operators), initial=0))
-    data = [x.data for x in operators]
-    indices = [x.indices + first for x, first in zip(operators, columns, strict=True)]
-    starts = [x.indptr[:-1] + first for x, first in zip(operators, ends, strict=False)]
-    indptr = np.concatenate([*starts, ends[-1:]])
-    stacked = assemble_csr(
-        np.concatenate([np.zeros(0), *data]),
-        np.concatenate([np.zeros(0, np.int32), *indices]),
-        indptr,
-        (len(indptr) - 1, n),
-    )
-    # Observables hold read-only operators without a copy.
-    for array in (stacked.data, stacked.indices, stacked.indptr):
-        array.setflags(write=False)
-    return stacked
-
-
-def _as_csr(operator: Any) -> sp.csr_array:
-    # Parts may use other formats.
-    return operator if isinstance(operator, sp.csr_array) else sp.csr_array(operator)
+        # Parts may use other formats.
+        operators = [
+            x.operator if isinstance(x.operator, sp.csr_array) else sp.csr_array(x.operator)
+            for x in pieces
+        ]
+        # Not NumPy's sum, which takes longer for a few numbers.
+        ends = list(accumulate((x.nnz for x in operators), initial=0))
+        offsets = (self.offsets[id(x.owner)] for x in pieces)
+        indices = [x.indices + first for x, first in zip(operators, offsets, strict=True)]
+        starts = [x.indptr[:-1] + first for x, first in zip(operators, ends, strict=False)]
+        indptr = np.concatenate([*starts, ends[-1:]])
+        stacked = assemble_csr(
+            np.concatenate([np.zeros(0), *(x.data for x in operators)]),
+            np.concatenate([np.zeros(0, np.int32), *indices]),
+            indptr,
+            (len(indptr) - 1, self.n),
+        )
+        # Observables hold read-only operators without a copy.
+        for array in (stacked.data, stacked.indices, stacked.indptr):
+            array.setflags(write=False)
+        return stacked
 
 
 def map_coordinates(mechanism: Mechanism) -> CoordinateMap:

@@ -1,7 +1,8 @@
-"""Equations whose stiff forces are reactions of constraints: g(q) + tau g'(q, v) - lam = 0.
+"""Equations in which stiff forces are unknowns (mixed form).
 
 Forces of thin beams and stiff bushings are determined by deformations that are lost in the rounding
-of the positions. As unknowns, they are accurate whatever the stiffness (mixed form).
+of the positions. As unknowns, they are accurate whatever the stiffness: as reactions of constraints
+g(q) + tau g'(q, v) - lam = 0, or for implicit steps, as further coordinates of the forces.
 """
 
 from __future__ import annotations
@@ -130,3 +131,50 @@ def _locate_points(term: ForceTerm, rotation: bytes) -> sp.csr_array:
     diagonal = sp.bsr_array((blocks, np.arange(count), np.arange(count + 1))).tocsr()
     diagonal.eliminate_zeros()
     return sp.csr_array(diagonal @ term.operator)
+
+
+def mix_equations(e: EquationsOfMotion) -> EquationsOfMotion:
+    """Return equations with the same numbers and the resultants of all forces as unknowns.
+
+    Newton's iteration then converges as for rigid bodies with joints, whatever the stiffness, see
+    `force_kernel.mix_law`. Cf. Magisano, Leonetti & Garcea, Comput. Methods Appl. Mech. Eng. 313
+    (2017) 986, for statics.
+    """
+    return replace(e, structure=_mix_structure(e.structure))
+
+
+@cache_on_owner
+def _mix_structure(structure: Structure) -> Structure:
+    total = sum(x.count * x.kernel.mixed.resultants for x in structure.forces)
+    if not total:
+        return structure
+    begin, forces = 0, []
+    for term in structure.forces:
+        if term.kernel.mixed.resultants:
+            term = _extend_term(term, begin, total)
+            begin += term.count * term.kernel.resultants
+        forces.append(term)
+    return replace(structure, forces=tuple(forces))
+
+
+def _extend_term(term: ForceTerm, begin: int, total: int) -> ForceTerm:
+    """Return a term whose local coordinates include resultants, from index `begin` of `total`."""
+    kernel = term.kernel.mixed
+    old, count, added = term.operator, term.count, kernel.resultants
+    size = old.shape[0] // count
+    ends = np.pad(old.indptr[1:].reshape(count, size), ((0, 0), (0, added)), "edge")
+    height = ends.size
+    operator = sp.csr_array(
+        (old.data, old.indices, np.append(0, ends.ravel())), shape=(height, old.shape[1])
+    )
+    rows = np.arange(height).reshape(count, -1)[:, size:].ravel()
+    columns = begin + np.arange(len(rows))
+    resultants = sp.csr_array((np.ones(len(rows)), (rows, columns)), shape=(height, total))
+    rotation = term.rotation
+    if rotation is not None:
+        height, width = rotation.shape
+        own = tuple((height + k, width + k) for k in range(added))
+        shape = height + added, width + added
+        rotation = replace(rotation, shape=shape, ones=(*rotation.ones, *own))
+    changes = {"operator": operator, "rotation": rotation, "resultants": resultants}
+    return replace(term, kernel=kernel, **changes)

@@ -178,27 +178,9 @@ def plan_step_sums(
     coordinates = np.unique(
         np.concatenate([[], *(joint.operator.indices for joint in select_holonomic(structure))])
     )
-    corrected = sp.eye_array(n, format="csc")[:, coordinates.astype(int)]
-    pattern, matrix = _plan_iteration_matrix(
-        structure, layout, anchor, sp.csr_array(corrected), stabilized
-    )
-    sums = (
-        residual.vector(),
-        assemble_reactions(structure, anchor, holonomic_only=True).vector(),
-        matrix,
-    )
-    return pattern, sums
-
-
-def _plan_iteration_matrix(
-    structure: Structure,
-    layout: InputLayout,
-    anchor: InputLayout,
-    corrected: sp.csr_array,
-    stabilized: bool,
-) -> tuple[sp.csc_array, SumPlan]:
-    """Return pattern and plan of the iteration matrix; `corrected` selects the entries of r."""
-    n, m, total = structure.n, structure.m, create_matrix_sum()
+    # Selects the entries of r.
+    corrected = sp.csr_array(sp.eye_array(n, format="csc")[:, coordinates.astype(int)])
+    total = create_matrix_sum()
     eta, r = n + m, n + 2 * m
     # Only the stiffness multiplies r. Without r, all derivatives enter one block.
     sums: Tangents = ((STIFFNESS, DAMPING, MASS),)
@@ -212,7 +194,6 @@ def _plan_iteration_matrix(
             add(len(sums), on_q, term.rows, (0, n))
         if stabilized:
             add(0, on_q, sp.csr_array(on_q @ corrected), (0, r))
-    levels = (0, 1) if stabilized else (0,)
     for joint, copies in add_joint_matrices(total, structure, layout, levels, False):
         add, on_q, on_g = partial(total.add_matrix, copies), joint.operator, joint.rows
         nonholonomic = not joint.kernel.is_holonomic
@@ -233,13 +214,14 @@ def _plan_iteration_matrix(
             add(GRADIENT, on_g, on_q, (eta, 0))
             add(FIRST_LEVEL, on_g, on_q, (eta, 0))
             add(FIRST_LEVEL, on_g, on_r, (eta, r))
-    if not stabilized:
-        return total.matrix((n + m, n + m))
-    for joint, copies in add_joint_matrices(total, structure, anchor, (), False):
-        if not joint.kernel.is_holonomic:
-            continue
-        on_r = sp.csr_array(joint.operator @ corrected)
-        total.add_matrix(copies, GRADIENT, joint.rows, on_r, (r, eta), transposed=True)
-    size = r + corrected.shape[1]
-    total.add_diagonal(corrected.shape[1], (r, r), None, 1.0)
-    return total.matrix((size, size))
+    size = n + m
+    if stabilized:
+        for joint, copies in add_joint_matrices(total, structure, anchor, (), False):
+            if joint.kernel.is_holonomic:
+                on_r = sp.csr_array(joint.operator @ corrected)
+                total.add_matrix(copies, GRADIENT, joint.rows, on_r, (r, eta), transposed=True)
+        size = r + corrected.shape[1]
+        total.add_diagonal(corrected.shape[1], (r, r), None, 1.0)
+    pattern, matrix = total.matrix((size, size))
+    reactions = assemble_reactions(structure, anchor, holonomic_only=True)
+    return pattern, (residual.vector(), reactions.vector(), matrix)

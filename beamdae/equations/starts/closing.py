@@ -71,19 +71,6 @@ _CONVERGED_CHANGE = 1e-10
 _SMALL_CHANGE = 1e-6
 
 
-def _select_independent(evaluator: StateEvaluator, time: Array, q: Array, selected: Array) -> Array:
-    """Return those of the selected coordinates that can move independently."""
-    if not len(selected):
-        return selected
-    # Changes of positions due to unit forces on the selected coordinates.
-    forces = np.eye(len(q))[selected]
-    mobility = np.array([evaluator.solve_saddle(time, q, None, x, 0.0)[0] for x in forces])
-    weights = np.sqrt(np.abs(evaluator.mass_matrix(time, q).diagonal()[selected]))
-    scaled = np.ascontiguousarray(weights[:, None] * mobility[:, selected].T * weights)
-    _, pivots, rank, _ = dpstrf(scaled, tol=_MIN_MOBILITY)
-    return selected[np.sort(pivots[:rank] - 1)]
-
-
 def closing_matrices(
     evaluator: StateEvaluator, time: Array, q: Array
 ) -> tuple[sp.csc_array, sp.csc_array]:
@@ -148,7 +135,15 @@ def close_joints(
     """
     selected, targets = np.array([*requested], int), q.copy()
     targets[selected] = values = np.array([*requested.values()], float)
-    leading = _select_independent(evaluator, time, q, selected)
+    leading = selected
+    if len(selected):
+        # Coordinates that can move independently, by changes of positions due to unit forces.
+        forces = np.eye(len(q))[selected]
+        mobility = np.array([evaluator.solve_saddle(time, q, None, x, 0.0)[0] for x in forces])
+        weights = np.sqrt(np.abs(evaluator.mass_matrix(time, q).diagonal()[selected]))
+        scaled = np.ascontiguousarray(weights[:, None] * mobility[:, selected].T * weights)
+        _, pivots, rank, _ = dpstrf(scaled, tol=_MIN_MOBILITY)
+        leading = selected[np.sort(pivots[:rank] - 1)]
     held = np.append(leading, np.setdiff1d(evaluator.equations.states, leading))
     path = _Path(evaluator, time, q, held, targets[held])
     closed_q, remaining = path.follow()

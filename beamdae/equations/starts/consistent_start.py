@@ -279,19 +279,28 @@ class ConsistencySolver(StateEvaluator):
         given_vectors = np.flatnonzero([part.given_velocities for part in e.parts])
         mass, prescribed_rows = self.mass_matrix(time, q), np.asarray(prescribed, int)
         for group in np.unique(groups_of_rows[is_open]):
-            rows, inside = groups_of_rows == group, groups[vectors // 2] == group
-            fixed = prescribed_rows[groups_of_coordinates[prescribed_rows] == group]
-            change = _rigid_change(
-                motions[:, inside],
-                vectors[inside],
-                given_vectors,
-                mass,
-                gradients[rows],
-                g_dot[rows],
-                np.where(groups_of_coordinates == group, v, 0.0),
-                fixed,
-            )
-            v = v + change
+            of_group, inside = groups_of_rows == group, groups[vectors // 2] == group
+            shapes, numbers, opening = motions[:, inside], vectors[inside], g_dot[of_group]
+            of_v = np.where(groups_of_coordinates == group, v, 0.0)
+            amplitudes = spsolve(sp.csc_array(shapes.T @ shapes), shapes.T @ of_v)
+            weight, rows = shapes.T @ mass @ shapes, sp.csr_array(gradients[of_group] @ shapes)
+            # Independent of units; rows that no rigid motion affects are zero.
+            lengths = sp.linalg.norm(rows, axis=1)
+            lengths[lengths == 0.0] = 1.0
+            rows = sp.diags_array(1.0 / lengths) @ rows
+            kept = prescribed_rows[groups_of_coordinates[prescribed_rows] == group]
+            fixed = sp.csr_array(shapes[kept])
+            is_given = np.isin(numbers, given_vectors)
+            is_given |= np.abs(amplitudes) > _ROUNDING * np.max(np.abs(amplitudes))
+            is_given[fixed.indices] = False
+            given = np.flatnonzero(np.isin(numbers, numbers[is_given]))
+            fixed = sp.vstack([fixed, build_selection(given.tolist(), len(numbers))])
+            weight = weight / abs(weight).max()
+            change = shapes @ _solve_least_change(weight, rows, -opening / lengths, fixed)
+            errors = np.abs(np.append(gradients[of_group] @ change + opening, change[kept]))
+            # False also if no solution was found, for which the change is not finite.
+            if np.max(errors) <= _RIGID_START_TOLERANCE * np.max(np.abs(opening)):
+                v = v + change
         return v
 
     def _solve_with_friction(
@@ -352,38 +361,3 @@ def _solve_least_change(weight: Any, rows: Any, values: Array, fixed: Any) -> Ar
         return splu(matrix).solve(right)[:n]
     except RuntimeError:
         return np.full(n, np.nan)
-
-
-def _rigid_change(
-    shapes: sp.csc_array,
-    vectors: Array,
-    given_vectors: Array,
-    mass: sp.csc_array,
-    gradients: sp.csr_array,
-    g_dot: Array,
-    v: Array,
-    prescribed: Array,
-) -> Array:
-    """Return a change of v (n,) in the span of `shapes` by which g_dot vanishes, or zeros.
-
-    Velocities of v at the indices `prescribed`, `given_vectors`, and vectors that are not zero do
-    not change; `vectors` are the numbers of the vectors of `shapes`.
-    """
-    amplitudes = spsolve(sp.csc_array(shapes.T @ shapes), shapes.T @ v)
-    weight, rows = shapes.T @ mass @ shapes, sp.csr_array(gradients @ shapes)
-    # Independent of units; rows that no rigid motion affects are zero.
-    lengths = sp.linalg.norm(rows, axis=1)
-    lengths[lengths == 0.0] = 1.0
-    rows, values = sp.diags_array(1.0 / lengths) @ rows, -g_dot / lengths
-    fixed = sp.csr_array(shapes[prescribed])
-    is_given = np.isin(vectors, given_vectors)
-    is_given |= np.abs(amplitudes) > _ROUNDING * np.max(np.abs(amplitudes))
-    is_given[fixed.indices] = False
-    given = np.flatnonzero(np.isin(vectors, vectors[is_given]))
-    fixed = sp.vstack([fixed, build_selection(given.tolist(), len(vectors))])
-    weight = weight / abs(weight).max()
-    change = shapes @ _solve_least_change(weight, rows, values, fixed)
-    errors = np.abs(np.concatenate([gradients @ change + g_dot, change[prescribed]]))
-    # False also if no solution was found, for which the change is not finite.
-    is_possible = np.max(errors) <= _RIGID_START_TOLERANCE * np.max(np.abs(g_dot))
-    return change if is_possible else np.zeros(len(v))

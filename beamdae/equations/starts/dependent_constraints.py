@@ -372,7 +372,20 @@ def find_dependent_sets(
     if not len(rows.dependent):
         return ()
     lengths = np.where(constraint_rank.lengths > 0.0, constraint_rank.lengths, 1.0)
-    accelerations = _accelerations(evaluator, time, q, constraint_rank) / lengths
+    # Second derivatives along a straight free motion. Along curves on which the independent
+    # constraints stay closed, those that follow from them everywhere stay closed, too: the same
+    # combination of second derivatives vanishes.
+    matrix = constraint_rank.matrix
+    (nonzero_columns,) = np.nonzero(np.any(matrix, axis=0))
+    free = la.null_space(matrix[:, nonzero_columns], rcond=RANK_TOLERANCE)
+    direction = np.zeros(e.n)
+    direction[nonzero_columns] = free @ np.cos(np.arange(free.shape[1]) ** 2.0)
+    direction /= np.max(np.abs(direction), initial=1e-300)
+    ahead, behind, at_rest = (
+        evaluator.constraint_levels(time, q, k * e.position_scales * direction)[2]
+        for k in (1.0, -1.0, 0.0)
+    )
+    accelerations = (0.5 * (ahead + behind) - at_rest) / lengths
     levels = evaluator.constraint_levels(time, q, v)[:2]
     sets = []
     for row, coefficients in zip(rows.dependent, rows.coefficients, strict=True):
@@ -389,33 +402,12 @@ def find_dependent_sets(
             DependentSet(
                 names,
                 tuple(dict.fromkeys(_part_name(name) for name in names)),
-                _describe_blocked_motion(e, q, constraint_rank.matrix, members, weights),
+                _describe_blocked_motion(e, q, matrix, members, weights),
                 (gap, rate),
                 bool(abs(terms.sum()) <= limit),
             )
         )
     return tuple(sets)
-
-
-def _accelerations(
-    evaluator: StateEvaluator, time: Array, q: Array, constraint_rank: ConstraintRank
-) -> Array:
-    """Return the second derivatives of the scaled constraints along a straight free motion, (m,).
-
-    Along curves on which the independent constraints stay closed, constraints that follow from them
-    everywhere stay closed, too: the same combination of second derivatives vanishes.
-    """
-    e, matrix = evaluator.equations, constraint_rank.matrix
-    (nonzero_columns,) = np.nonzero(np.any(matrix, axis=0))
-    free = la.null_space(matrix[:, nonzero_columns], rcond=RANK_TOLERANCE)
-    direction = np.zeros(e.n)
-    direction[nonzero_columns] = free @ np.cos(np.arange(free.shape[1]) ** 2.0)
-    direction /= np.max(np.abs(direction), initial=1e-300)
-    ahead, behind, at_rest = (
-        evaluator.constraint_levels(time, q, k * e.position_scales * direction)[2]
-        for k in (1.0, -1.0, 0.0)
-    )
-    return 0.5 * (ahead + behind) - at_rest
 
 
 def _part_name(constraint: str) -> str:

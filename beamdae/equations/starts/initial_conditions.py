@@ -79,8 +79,28 @@ def apply_initial_conditions(
             requested_q, requested_v = np.array(equations.q0), np.array(equations.v0)
             requested_q[list(positions)] = list(positions.values())
             requested_v[list(velocities)] = list(velocities.values())
-            q = ConsistencySolver(independent).close_positions(time, independent.q0, positions)
-            v = _project_velocities(independent, time, q, requested_v, list(velocities))
+            solver, prescribed = ConsistencySolver(independent), list(velocities)
+            q = solver.close_positions(time, independent.q0, positions)
+            require_independent_constraints(solver, time, q)
+            # Bodies move rigidly if possible; otherwise, the change has the least kinetic energy.
+            rigid_v = solver.rigid_velocities(time, q, requested_v, prescribed)
+            v = solver.project_velocities(time, q, rigid_v, prescribed)
+            errors = np.concatenate(
+                [
+                    solver.constraint_levels(time, q, v)[1] / independent.constraint_scales,
+                    (v - rigid_v)[prescribed] / independent.position_scales[prescribed],
+                ]
+            )
+            error = np.max(np.abs(errors), initial=0.0)
+            if not error <= _VELOCITY_TOLERANCE * velocity_size(independent, rigid_v):
+                names = (
+                    f"{equations.q_names[k]}{_RATE_SUFFIX} = {x:g}" for k, x in velocities.items()
+                )
+                raise BeamdaeError(
+                    f"start: the joints do not allow {', '.join(names)}; specify fewer or "
+                    "different velocities."
+                )
+            v[prescribed] = requested_v[prescribed]
             description = ", ".join(f"{name} = {value:g}" for name, value in start.items())
             rigid = {k for x in equations.parts for k in range(x.rigid.start, x.rigid.stop)}
             repeated = start if rigid.issuperset((*positions, *velocities)) else None
@@ -156,28 +176,3 @@ def _split_by_kind(
     positions = {index[name]: value for name, value in values.items() if name in index}
     velocities = {rates[x]: value for x, value in values.items() if x in rates and x not in index}
     return positions, velocities
-
-
-def _project_velocities(
-    e: EquationsOfMotion, time: Array, q: Array, requested: Array, prescribed: list[int]
-) -> Array:
-    """Return consistent velocities near `requested` that keep prescribed velocities.
-
-    Bodies move rigidly if possible; otherwise, the change has the least kinetic energy.
-    """
-    solver = ConsistencySolver(e)
-    require_independent_constraints(solver, time, q)
-    requested = solver.rigid_velocities(time, q, requested, prescribed)
-    v = solver.project_velocities(time, q, requested, prescribed)
-    g_dot = solver.constraint_levels(time, q, v)[1]
-    errors = np.concatenate(
-        [g_dot / e.constraint_scales, (v - requested)[prescribed] / e.position_scales[prescribed]]
-    )
-    error = np.max(np.abs(errors), initial=0.0)
-    if not error <= _VELOCITY_TOLERANCE * velocity_size(e, requested):
-        values = ", ".join(f"{e.q_names[k]}{_RATE_SUFFIX} = {requested[k]:g}" for k in prescribed)
-        raise BeamdaeError(
-            f"start: the joints do not allow {values}; specify fewer or different velocities."
-        )
-    v[prescribed] = requested[prescribed]
-    return v

@@ -305,45 +305,39 @@ class StateEvaluator:
 
         W = c0 K + c1 C + c2 M, with the mass matrix alone by default; see `saddle_matrix`.
         """
-        n, m = self.equations.n, self.equations.m
+        e, n, m = self.equations, self.equations.n, self.equations.m
         right = np.concatenate([np.zeros(n) + force, np.zeros(m) + rates])
         v = np.zeros(n) if v is None else v
-        lam = np.zeros(m) if lam is None or not self.equations.has_friction else lam
+        lam = np.zeros(m) if lam is None or not e.has_friction else lam
         arguments = np.concatenate([time, q, v, coefficients, lam])
         # The solver keeps the factors of the last call.
         if not np.array_equal(arguments, self._factorized.pop("arguments", np.zeros(0))):
-            self._factorize(time, q, v, coefficients, lam)
+            pattern = self.sums.saddle_pattern
+            forces = self.force(time, q, v, lam=lam)
+            nonzeros = self.saddle_matrix(time, q, v, None, coefficients, lam)
+            if not np.all(np.isfinite(forces)):
+                name = e.q_names[int(np.flatnonzero(~np.isfinite(forces))[0])]
+                raise BeamdaeError(
+                    f"{name}: the force on this coordinate is not finite at t = {time[0]:g} s; "
+                    "check the laws and the start values."
+                )
+            if not np.isfinite(nonzeros).all():
+                entry = int(np.flatnonzero(~np.isfinite(nonzeros))[0])
+                row = int(pattern.indices[entry])
+                raise BeamdaeError(
+                    f"{(*e.q_names, *e.lam_names)[row]}: a derivative of the forces or "
+                    f"constraints is not finite at t = {time[0]:g} s; if an expression takes the "
+                    "square root of zero, add a small positive number under the root."
+                )
+            try:
+                self._solver.factorize(nonzeros)
+            except SingularMatrixError:
+                matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), pattern.shape)
+                unresisted = la.svd(np.nan_to_num(matrix.toarray()))[2][-1, : e.n]
+                raise BeamdaeError(
+                    f"{e.q_names[int(np.argmax(np.abs(unresisted)))]}: this coordinate has no "
+                    f"inertia at t = {time[0]:g} s; add mass or a joint."
+                ) from None
         self._factorized["arguments"] = arguments
         solution = self._solver.solve(right)
         return solution[:n], solution[n:]
-
-    def _factorize(
-        self, time: Array, q: Array, v: Array, coefficients: Coefficients, lam: Array
-    ) -> None:
-        """Factorize the saddle-point matrix."""
-        e, pattern = self.equations, self.sums.saddle_pattern
-        force = self.force(time, q, v, lam=lam)
-        nonzeros = self.saddle_matrix(time, q, v, None, coefficients, lam)
-        if not np.all(np.isfinite(force)):
-            name = e.q_names[int(np.flatnonzero(~np.isfinite(force))[0])]
-            raise BeamdaeError(
-                f"{name}: the force on this coordinate is not finite at t = {time[0]:g} s; check "
-                "the laws and the start values."
-            )
-        if not np.isfinite(nonzeros).all():
-            entry = int(np.flatnonzero(~np.isfinite(nonzeros))[0])
-            row = int(pattern.indices[entry])
-            raise BeamdaeError(
-                f"{(*e.q_names, *e.lam_names)[row]}: a derivative of the forces or constraints "
-                f"is not finite at t = {time[0]:g} s; if an expression takes the square root of "
-                "zero, add a small positive number under the root."
-            )
-        try:
-            self._solver.factorize(nonzeros)
-        except SingularMatrixError:
-            matrix = sp.csc_array((nonzeros, pattern.indices, pattern.indptr), pattern.shape)
-            unresisted = la.svd(np.nan_to_num(matrix.toarray()))[2][-1, : e.n]
-            raise BeamdaeError(
-                f"{e.q_names[int(np.argmax(np.abs(unresisted)))]}: this coordinate has no inertia "
-                f"at t = {time[0]:g} s; add mass or a joint."
-            ) from None

@@ -7,15 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamdae.core.library import load_core
-from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.equations.formulations.step_equations import formulate_step
 from beamdae.errors import (
     BeamdaeError,
+    choice_of,
+    convert_fields,
     format_distinct,
-    require_choice,
     require_finite,
     require_positive,
-    set_fields,
 )
 from beamdae.integrators.alpha.family import (
     FAMILIES,
@@ -25,7 +24,6 @@ from beamdae.integrators.alpha.family import (
 )
 from beamdae.integrators.alpha.plain import PlainAlpha
 from beamdae.integrators.alpha.stepper import AdaptiveAlphaStepper, FixedAlphaStepper
-from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import (
     count_periods,
     motion_scales,
@@ -39,13 +37,9 @@ from beamdae.integrators.integrator import (
     require_limits,
     require_tolerance,
 )
-from beamdae.integrators.limits import Progress, require_feasible_step
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.radau.radau import Radau
 from beamdae.integrators.run_plan import SMALL_DEFORMATION_SHARE, RunPlan
-from beamdae.results.solution import Solution
-
-Array = np.ndarray
 
 # Local tolerance / (rtol / number of periods)^(3/2), calibrated so that the largest error of
 # positions stays below 100 rtol in most cases of validation/tolerances.
@@ -134,15 +128,13 @@ class GeneralizedAlpha(Integrator):
     max_steps: int | None = None
 
     def __post_init__(self) -> None:
-        set_fields(
+        convert_fields(
             self,
-            step=require_positive("GeneralizedAlpha", "step", self.step),
-            rho_inf=require_finite("GeneralizedAlpha", "rho_inf", self.rho_inf),
-            newton_tolerance=require_positive(
-                "GeneralizedAlpha", "newton_tolerance", self.newton_tolerance
-            ),
+            step=require_positive,
+            rho_inf=require_finite,
+            newton_tolerance=require_positive,
+            family=choice_of(*FAMILIES),
         )
-        require_choice("GeneralizedAlpha", "family", self.family, FAMILIES)
         least = 0.5 if self.family == "hht" else 0.0
         if not least <= self.rho_inf <= 1.0:
             where = " for family 'hht'" if self.family == "hht" else ""
@@ -150,8 +142,9 @@ class GeneralizedAlpha(Integrator):
             raise BeamdaeError(
                 f"GeneralizedAlpha: rho_inf must lie in [{lower}, {upper}]{where}, got {given}."
             )
-        require_choice("GeneralizedAlpha", "formulation", self.formulation, FORMULATIONS)
-        require_choice("GeneralizedAlpha", "start", self.start, ("cured", "plain"))
+        convert_fields(
+            self, formulation=choice_of(*FORMULATIONS), start=choice_of("cured", "plain")
+        )
         require_limits(self)
         self._check_adaptivity()
 
@@ -214,22 +207,11 @@ class GeneralizedAlpha(Integrator):
         name, value = self.accuracy
         return f"GeneralizedAlpha({family}{name}={value:g})"
 
-    def integrate(
-        self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
-    ) -> Solution:
-        """Integrate over the output times; see `Integrator.integrate`."""
-        if self.rtol is None:
-            require_feasible_step(
-                "GeneralizedAlpha", "step", self.step, float(times[-1] - times[0])
-            )
-        pilot = None if self.rtol is None else self._pilot_method
-        return drive(self, equations, times, self.method_on, progress, pilot)
-
-    def _pilot_method(self, plan: RunPlan) -> Method:
+    @property
+    def pilot(self) -> Radau | None:
+        """`Radau` for adaptive steps, otherwise None."""
         # At loose tolerances, a method of second order may leave the motion that it should measure.
-        return Radau(PILOT_RTOL, max_step=plan.longest_step("GeneralizedAlpha", None)).method_on(
-            plan
-        )
+        return None if self.rtol is None else Radau(PILOT_RTOL)
 
     def method_on(self, plan: RunPlan) -> Method:
         """Return the stepper for a plan."""
@@ -250,7 +232,7 @@ class GeneralizedAlpha(Integrator):
         return AdaptiveAlphaStepper(
             *common,
             first=self.step,
-            largest=plan.longest_step("GeneralizedAlpha", None),
+            largest=plan.longest_step(None),
             duration=plan.duration,
             tolerance=local_tolerance(self.rtol, count_periods(plan), is_one_sided),
             velocity_weights=weigh_velocities(plan, scales),

@@ -160,7 +160,12 @@ def apply_event(
         impulses |= impact_impulses
     after = configurations.configuration_after(equations, configuration, event, time, state.q)
     if any(switch.laws for switch in select_switches(event.do)):
-        ends, time = _update_intervals(after.equations, time, ends, plan.is_adaptive)
+        t, end = float(time[0]), ends[-1]
+        later_ends = plan_ends(after.equations, t, end, plan.is_adaptive) if t < end else ()
+        if t == ends[0]:
+            ends = (t, *later_ends)
+        else:
+            ends, time = later_ends, np.array([t, branch_time(t, later_ends[0])])
     solver = ConsistencySolver(after.equations)
     _require_closed(solver, time, state.q)
     restart = solver.state(time, state.q, v)
@@ -182,17 +187,6 @@ def apply_event(
         for name in {**switch_impulses, **impulses}
     }
     return SwitchResult(after, plan_after, restart, ends, float(time[1]), sums, energy_lost)
-
-
-def _update_intervals(
-    equations: EquationsOfMotion, time: Array, ends: tuple[float, ...], is_adaptive: bool
-) -> tuple[tuple[float, ...], Array]:
-    """Return the ends of the remaining intervals and (t, branch) after laws have been replaced."""
-    t = float(time[0])
-    later_ends = plan_ends(equations, t, ends[-1], is_adaptive) if t < ends[-1] else ()
-    if t == ends[0]:
-        return (t, *later_ends), time
-    return later_ends, np.array([t, branch_time(t, later_ends[0])])
 
 
 def _require_closed(solver: ConsistencySolver, time: Array, q: Array) -> None:

@@ -11,15 +11,13 @@ import numpy as np
 
 from beamdae.core.library import load_core
 from beamdae.core.return_codes import NO_ADVANCE
-from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.equations_of_motion import State
 from beamdae.equations.formulations.first_order import (
     FIRST_ORDER,
-    FirstOrderForm,
     formulate_first_order,
 )
 from beamdae.errors import MissingPackageError, format_exception, require_choice
 from beamdae.integrators.compiled_run import InputJump
-from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import (
     ERROR_CONTROL,
     STIFF_RATIO_BDF,
@@ -38,12 +36,10 @@ from beamdae.integrators.integrator import (
     StepError,
     require_tolerance,
 )
-from beamdae.integrators.limits import Progress
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.run_plan import RunPlan
 from beamdae.parts.laws import MIN_STEPS_PER_TIME_SCALE
 from beamdae.results.outcome import Statistics
-from beamdae.results.solution import Solution
 from beamdae.sundials import UnavailableError, describe_status
 
 Array = np.ndarray
@@ -102,7 +98,7 @@ class IdaStepper:
             multipliers_matter,
         )
         self._tolerance = self._control.tolerance(rtol, scales, self._form)
-        self._longest = plan.longest_step("Ida", max_step)
+        self._longest = plan.longest_step(max_step)
         atol = self._control.absolute_tolerances(self._tolerance, scales, self._form, iterated)
         options = {
             "rtol": _NEGLIGIBLE_RTOL,
@@ -115,7 +111,24 @@ class IdaStepper:
             "kinematic": scale_kinematic_rows(self._form, scales.position / scales.size),
             "correction_fraction": _CORRECTION_SHARE if iterated else 1.0,
         }
-        self._ida = _make_solver(self._form, plan, options, iteration)
+        self._ida: Any = None
+        if load_core() is not None:
+            with contextlib.suppress(UnavailableError):
+                matrix = plan.matrix("Ida", self._form.pattern)
+                self._ida = CompiledIda(self._form, matrix, options, iteration)
+        if self._ida is None:
+            # Imported here because it imports SciPy's optimizers, which takes a third of a short
+            # run.
+            try:
+                from beamdae.integrators.ida.python_solver import SksundaeIda
+            # OSError: its shared libraries are missing.
+            except (ImportError, OSError) as problem:
+                raise MissingPackageError(
+                    "Ida",
+                    f"scikit-sundae cannot be imported ({format_exception(problem)})",
+                    "install scikit-sundae, or use Radau or GeneralizedAlpha",
+                ) from problem
+            self._ida = SksundaeIda(self._form, options, iteration)
 
     @property
     def resolved_options(self) -> dict[str, Any]:
@@ -215,35 +228,6 @@ class IdaStepper:
         return describe_status(code)
 
 
-def _make_solver(
-    form: FirstOrderForm,
-    plan: RunPlan,
-    options: dict[str, Any],
-    iteration: dict[str, Any],
-) -> Any:
-    """Return IDA with callbacks of the core, or through scikit-sundae if they cannot be used.
-
-    Raises
-    ------
-    MissingPackageError
-        If scikit-sundae cannot be imported either.
-    """
-    if load_core() is not None:
-        with contextlib.suppress(UnavailableError):
-            return CompiledIda(form, plan.matrix("Ida", form.pattern), options, iteration)
-    # Imported here because it imports SciPy's optimizers, which takes a third of a short run.
-    try:
-        from beamdae.integrators.ida.python_solver import SksundaeIda
-    # OSError: its shared libraries are missing.
-    except (ImportError, OSError) as problem:
-        raise MissingPackageError(
-            "Ida",
-            f"scikit-sundae cannot be imported ({format_exception(problem)})",
-            "install scikit-sundae, or use Radau or GeneralizedAlpha",
-        ) from problem
-    return SksundaeIda(form, options, iteration)
-
-
 @dataclass(frozen=True)
 class Ida(AdaptiveIntegrator):
     """Variable-order, variable-step BDF (IDA) on a first-order form of the equations of motion.
@@ -319,13 +303,11 @@ class Ida(AdaptiveIntegrator):
         require_choice("Ida", "error_control", self.error_control, ERROR_CONTROL)
         require_choice("Ida", "max_order", self.max_order, ("auto", 1, 2, 3, 4, 5))
 
-    def integrate(
-        self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
-    ) -> Solution:
-        """Integrate over the output times; see `Integrator.integrate`."""
+    @property
+    def pilot(self) -> Ida:
+        """Integrator of pilot runs, with a stable order."""
         # With an unstable order set by the user, the pilot run would measure spurious vibrations.
-        pilot = replace(self, rtol=PILOT_RTOL, max_order="auto")
-        return drive(self, equations, times, self.method_on, progress, pilot.method_on)
+        return replace(self, rtol=PILOT_RTOL, max_order="auto")
 
     def method_on(self, plan: RunPlan) -> IdaStepper:
         """Return the stepper for a plan."""

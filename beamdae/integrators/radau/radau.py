@@ -4,20 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from beamdae.equations.equations_of_motion import EquationsOfMotion
 from beamdae.errors import require_choice
-from beamdae.integrators.drive import drive
 from beamdae.integrators.error_control import ERROR_CONTROL
 from beamdae.integrators.integrator import DEFAULT_RTOL, AdaptiveIntegrator, require_tolerance
-from beamdae.integrators.limits import Progress
 from beamdae.integrators.pilot_run import PILOT_RTOL
 from beamdae.integrators.radau.stepper import RadauStepper
 from beamdae.integrators.run_plan import RunPlan
-from beamdae.results.solution import Solution
-
-Array = np.ndarray
 
 _ERROR_CONTROL = tuple(x for x in ERROR_CONTROL if x != "all")
 
@@ -76,12 +68,10 @@ class Radau(AdaptiveIntegrator):
         require_tolerance(self)
         require_choice("Radau", "error_control", self.error_control, _ERROR_CONTROL)
 
-    def integrate(
-        self, equations: EquationsOfMotion, times: Array, progress: Progress | None = None
-    ) -> Solution:
-        """Integrate over the output times; see `Integrator.integrate`."""
-        pilot = replace(self, rtol=PILOT_RTOL)
-        return drive(self, equations, times, self.method_on, progress, pilot.method_on)
+    @property
+    def pilot(self) -> Radau:
+        """Integrator of pilot runs."""
+        return replace(self, rtol=PILOT_RTOL)
 
     def method_on(self, plan: RunPlan) -> RadauStepper:
         """Return the stepper for a plan."""

@@ -16,12 +16,12 @@ from beamdae.core.return_codes import (
 )
 from beamdae.core.tables import Workspace
 from beamdae.equations.equations_of_motion import EquationsOfMotion, State
+from beamdae.equations.formulations.compliant_equations import mix_equations
 from beamdae.equations.formulations.first_order import (
     FirstOrderForm,
     formulate_first_order,
     reduce_kinematics,
 )
-from beamdae.equations.formulations.mixed_equations import mix_equations
 from beamdae.integrators.compiled_run import FactorizedMatrix, StepLoop
 from beamdae.integrators.error_control import (
     POSITION_ROUNDING,
@@ -114,7 +114,13 @@ class RadauStepper:
             STIFF_RATIO_RADAU,
             plan.fastest_modes,
         )
-        self._local = _local_tolerance(rtol, self._control.policy, self._scales.periods, form)
+        # Errors accumulate over the periods of the motion.
+        policy, periods = self._control.policy, self._scales.periods
+        is_one_sided = any(term.kernel.is_one_sided for term in form.equations.forces)
+        factor, exponent = _ONE_SIDED_LAW if is_one_sided else _TOLERANCE_LAWS[policy]
+        by_period = _PERIOD_EXPONENT_VELOCITIES if policy == "velocities" else _PERIOD_EXPONENT
+        reduction_by_periods = reduce_tolerance(periods, by_period, _PERIOD_EXPONENT_LONG)
+        self._local = factor * rtol**exponent * reduction_by_periods
         pattern, jacobian, reduction = reduce_kinematics(form)
         real = plan.matrix("Radau", pattern)
         complex_ = FactorizedMatrix.from_pattern(pattern, complex, pivot_source=real)
@@ -129,7 +135,7 @@ class RadauStepper:
             real_solver=real.make_solver(),
             complex_solver=complex_.make_solver(),
             reduction=reduction,
-            step_size=Workspace("StepSizeState", longest=plan.longest_step("Radau", max_step)),
+            step_size=Workspace("StepSizeState", longest=plan.longest_step(max_step)),
             y=np.zeros(size),
             yp=np.zeros(size),
             last_w=np.zeros((3, size)),
@@ -297,14 +303,3 @@ class RadauStepper:
 def formulate_stages(equations: EquationsOfMotion) -> FirstOrderForm:
     """Return the form of the stages, with the resultants of beams and springs as unknowns."""
     return formulate_first_order(mix_equations(equations), STABILIZED_FORM, apart=True)
-
-
-def _local_tolerance(rtol: float, policy: str, periods: float, form: FirstOrderForm) -> float:
-    """Return the local tolerance that keeps the error of a run near `rtol`.
-
-    It decreases with the number of periods of the motion, because errors accumulate.
-    """
-    is_one_sided = any(term.kernel.is_one_sided for term in form.equations.forces)
-    factor, exponent = _ONE_SIDED_LAW if is_one_sided else _TOLERANCE_LAWS[policy]
-    by_period = _PERIOD_EXPONENT_VELOCITIES if policy == "velocities" else _PERIOD_EXPONENT
-    return factor * rtol**exponent * reduce_tolerance(periods, by_period, _PERIOD_EXPONENT_LONG)

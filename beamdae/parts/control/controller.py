@@ -259,8 +259,30 @@ class Controller(Part):
             If the law fails or does not return finite numbers of at most 1e75.
         """
         n_driven = len(self.drives)
-        n_queue = n_driven * (1 + self.delay)
-        numbers, state = self._call_law(t, index, reads, values[n_queue:], stream)
+        n_queue, seed = n_driven * (1 + self.delay), (self.seed, index, stream)
+        sample = Sample(t, index, self.every, reads.copy(), values[n_queue:].copy(), seed)
+        try:
+            result = self.law(sample)
+        except Exception as problem:
+            raise BeamdaeError(
+                f"{self.name}: the law failed at t = {t:g} s: {format_exception(problem)}; correct "
+                "the law."
+            ) from problem
+        is_number = type(result) in _FLOATS or as_real(result) is not None
+        numbers = _as_finite_numbers(self.name, [result] if is_number else result)
+        if numbers is None or len(numbers) != n_driven:
+            raise BeamdaeError(
+                f"{self.name}: the law must return one finite number per driven input "
+                f"({n_driven}), at most {MAX_MAGNITUDE:g} in absolute value, got "
+                f"{short_repr(result)} at t = {t:g} s."
+            )
+        state = _as_finite_numbers(self.name, sample.state)
+        if state is None or len(state) != len(self.state):
+            raise BeamdaeError(
+                f"{self.name}: the state must consist of {len(self.state)} finite numbers, at "
+                f"most {MAX_MAGNITUDE:g} in absolute value, got {short_repr(sample.state)} at "
+                f"t = {t:g} s."
+            )
         # The first values of the queue are in effect.
         return np.array([*values[n_driven:n_queue].tolist(), *numbers, *state])
 
@@ -286,37 +308,6 @@ class Controller(Part):
         with contextlib.suppress(TypeError):
             if sentence := _laws_with_memory.get(self.law, ""):
                 raise BeamdaeError(f"{self.name}: in an earlier run, {sentence}")
-
-    def _call_law(
-        self, t: float, index: int, reads: Array, state: Array, stream: int
-    ) -> tuple[list[float], list[float]]:
-        """Return the values of the driven inputs and the state after a sample."""
-        n_driven = len(self.drives)
-        seed = self.seed, index, stream
-        sample = Sample(t, index, self.every, reads.copy(), state.copy(), seed)
-        try:
-            result = self.law(sample)
-        except Exception as problem:
-            raise BeamdaeError(
-                f"{self.name}: the law failed at t = {t:g} s: {format_exception(problem)}; correct "
-                "the law."
-            ) from problem
-        is_number = type(result) in _FLOATS or as_real(result) is not None
-        numbers = _as_finite_numbers(self.name, [result] if is_number else result)
-        if numbers is None or len(numbers) != n_driven:
-            raise BeamdaeError(
-                f"{self.name}: the law must return one finite number per driven input "
-                f"({n_driven}), at most {MAX_MAGNITUDE:g} in absolute value, got "
-                f"{short_repr(result)} at t = {t:g} s."
-            )
-        new_state = _as_finite_numbers(self.name, sample.state)
-        if new_state is None or len(new_state) != len(self.state):
-            raise BeamdaeError(
-                f"{self.name}: the state must consist of {len(self.state)} finite numbers, at "
-                f"most {MAX_MAGNITUDE:g} in absolute value, got {short_repr(sample.state)} at "
-                f"t = {t:g} s."
-            )
-        return numbers, new_state
 
 
 def _format_numbers(numbers: Array) -> str:

@@ -66,9 +66,9 @@ def default_sections(
         states = State(*(x[ends] for x in state))
         s = collect_applied_loads(beam, e, times[ends], states, factors).arc_lengths
         jumps += s[0, np.abs(s[-1] - s[0]) <= near].tolist()
-    loaded = np.clip([*jumps, *_jumps_of_section(beam), *beam._section_jumps], 0.0, length)
+    loaded = np.clip([*jumps, *_jumps_of_section(beam), *beam.section.jumps], 0.0, length)
     count = 1 if isinstance(beam.section, Section) else STRESS_SECTIONS_OF_TAPERS
-    stops = np.sort(np.concatenate([beam.mesh.element_bounds, loaded, beam._section_breaks]))
+    stops = np.sort(np.concatenate([beam.mesh.element_bounds, loaded, beam.section.breaks]))
     stops = stops[np.append(True, np.diff(stops) > 2.0 * near)]
     arc_lengths, before = [], []
     for start, end in pairwise(stops.tolist()):

@@ -249,7 +249,7 @@ _MIN_COPIES = 4
 
 
 class BatchRows(NamedTuple):
-    """Rows of a batch, inputs or outputs: (height, lanes) numbers.
+    """Rows of the inputs of a batch: (height, lanes) numbers.
 
     The last lanes beyond `copies` are padding.
     """
@@ -266,53 +266,39 @@ class Tiles(NamedTuple):
     ----------
     table
         One row per tile, in the order of the batches and of their lanes: position of its first
-        number among the rows of all batches, number of its rows, and index of the first number of
-        each lane.
+        number in the batch, number of its rows, and index of the first number of each lane.
     ends
         Ends of the batches in `table`.
     covered
         Mask of the entries that belong to a tile.
-    order
-        Entries that belong to a tile, in the order of the tiles and of their lanes.
     """
 
     table: Array
     ends: Array
     covered: Array
-    order: Array
 
 
-def find_tiles(
-    batches: Sequence[BatchRows], positions: Array, indices: Array, fills_padding: bool
-) -> Tiles:
-    """Return the tiles of entries that connect positions in batches with indices of a vector.
+def find_tiles(batches: Sequence[BatchRows], positions: Array, indices: Array) -> Tiles:
+    """Return the tiles of inputs of batches that are numbers of a vector.
 
     Parameters
     ----------
     batches
         Rows of all batches, one batch after the other.
     positions, indices
-        Position of each entry among the rows of all batches, and its index in the vector. Of
-        entries with the same position, only the first can belong to a tile.
-    fills_padding
-        True if tiles may also assign numbers to padding.
+        Position of each entry among the rows of all batches, and its index in the vector.
     """
     count = len(positions)
-    none = Tiles(
-        np.zeros((0, 2 + LANE_WIDTH), np.int64),
-        np.zeros(len(batches), np.intp),
-        np.zeros(count, bool),
-        np.zeros(0, np.intp),
-    )
-    least = _MIN_COPIES if fills_padding else LANE_WIDTH
-    if not count or max(batch.copies for batch in batches) < least:
+    covered, no_rows = np.zeros(count, bool), np.zeros((0, 2 + LANE_WIDTH), np.uint32)
+    none = Tiles(no_rows, np.zeros(len(batches), np.intp), covered)
+    if not count or max(batch.copies for batch in batches) < _MIN_COPIES:
         return none
     vectors, vector_batch, is_first_row, copies = _order_vectors(batches)
     entry = np.full(LANE_WIDTH * len(vectors), -1)
-    entry[positions[::-1]] = np.arange(count)[::-1]
+    entry[positions] = np.arange(count)
     entry = entry.reshape(-1, LANE_WIDTH)[vectors]
     is_copy = np.arange(LANE_WIDTH) < copies[:, None]
-    is_complete = (copies >= least) & ((entry >= 0) | ~is_copy).all(axis=1)
+    is_complete = (copies >= _MIN_COPIES) & ((entry >= 0) | ~is_copy).all(axis=1)
     last_copy = entry[np.arange(len(entry)), np.maximum(copies - 1, 0)]
     index = indices[np.where(is_copy, entry, last_copy[:, None])]
     # A run of rows whose indices ascend by one in all lanes is divided into tiles.
@@ -328,17 +314,16 @@ def find_tiles(
     first = np.flatnonzero(is_tile)
     if not len(first):
         return none
-    rows = rows[first]
-    table = np.column_stack([LANE_WIDTH * vectors[first], rows, index[first]])
-    ends = np.searchsorted(vector_batch[first], np.arange(len(batches)), "right")
-    # (tile, lane, row), without rows that the tile does not have and padding.
+    of_batch, rows = vector_batch[first], rows[first]
+    sizes = [batch.height * batch.lanes for batch in batches]
+    positions_in_batch = LANE_WIDTH * vectors[first] - (np.cumsum(sizes) - sizes)[of_batch]
+    table = np.column_stack([positions_in_batch, rows, index[first]]).astype(np.uint32)
+    ends = np.searchsorted(of_batch, np.arange(len(batches)), "right")
+    # (tile, row, lane), without rows that the tile does not have and padding.
     members = entry[np.minimum(first[:, None] + np.arange(TILE_ROWS), len(entry) - 1)]
     members[np.arange(TILE_ROWS) >= rows[:, None]] = -1
-    order = members.transpose(0, 2, 1).ravel()
-    order = order[order >= 0]
-    covered = np.zeros(count, bool)
-    covered[order] = True
-    return Tiles(table, ends, covered, order)
+    covered[members[members >= 0]] = True
+    return Tiles(table, ends, covered)
 
 
 def _order_vectors(batches: Sequence[BatchRows]) -> tuple[Array, Array, Array, Array]:

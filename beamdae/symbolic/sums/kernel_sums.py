@@ -35,7 +35,7 @@ from beamdae.native.lane_kernels import (
 from beamdae.native.object_code import is_native_enabled
 from beamdae.symbolic.compiled import Compiled, RowFunction, keep_latest
 from beamdae.symbolic.local_symbols import C_Q, SHARED_BRANCH, SHARED_T
-from beamdae.symbolic.sums.kernel_code import BatchRows, PointSum, Tiles, expand_sines, find_tiles
+from beamdae.symbolic.sums.kernel_code import BatchRows, PointSum, expand_sines, find_tiles
 from beamdae.symbolic.table_lookups import has_lookups, remove_zero_lookups
 
 Array = np.ndarray
@@ -43,7 +43,7 @@ SX = ca.SX
 
 # Columns of `Sum.batches`: start of the inputs of a batch in `local`, its number of lanes, and the
 # ends of its entries in `pick_targets`, `gather_targets`, `add_targets`, `weighted_targets`,
-# `pick_tiles` and `add_tiles`.
+# `pick_tiles`.
 START = 0
 LANES = 1
 PICK_END = 2
@@ -206,9 +206,9 @@ class Sum:
         result[add_targets] += out[add_sources].
     weighted_targets, weighted_sources, weights
         result[weighted_targets] += weights out[weighted_sources], for weights other than 1.
-    pick_tiles, add_tiles
+    pick_tiles
         Entries that the core moves by vectors, see `kernel_code`, in place of the same entries of
-        `pick_targets` and `add_targets`. Tiles are added before the other entries.
+        `pick_targets`.
     code_owners
         Objects with the functions at the addresses of `kernels`.
     """
@@ -229,7 +229,6 @@ class Sum:
     weighted_sources: Array
     weights: Array
     pick_tiles: Array
-    add_tiles: Array
     code_owners: tuple[Any, ...]
 
 
@@ -464,6 +463,8 @@ class SumPlan:
             gather_targets=self.gather_targets,
             gather_sources=self.gather_sources,
             gather_weights=self.gather_weights,
+            add_targets=self.add_targets,
+            add_sources=self.add_sources,
             weighted_targets=self.weighted_targets,
             weighted_sources=self.weighted_sources,
             weights=self.weights,
@@ -482,57 +483,27 @@ class SumPlan:
     @cached_property
     def _tiled_entries(self) -> dict[str, Array]:
         """Fields of `Sum` that depend on tiles."""
-        picks, adds = self._tiles
-        table, count = self.batch_table, len(self.batches)
-        n_add = int(table[-1, ADD_END]) if count else 0
-        is_added = np.ones(len(self.add_targets), bool)
-        is_added[:n_add] = ~adds.covered
-        remaining = [
-            np.concatenate([[0], np.cumsum(~covered)])[table[:, column]]
-            for covered, column in ((picks.covered, PICK_END), (adds.covered, ADD_END))
-        ]
-        batches = np.column_stack([table, picks.ends, adds.ends])
-        batches[:, PICK_END], batches[:, ADD_END] = remaining
+        inputs = [BatchRows(x.kernel.n_local, x.lanes, x.copies) for x in self.batches]
+        targets, sources = (x.astype(np.intp) for x in (self.pick_targets, self.pick_sources))
+        tiles = find_tiles(inputs, targets, sources)
+        batches = np.column_stack([self.batch_table, tiles.ends])
+        batches[:, PICK_END] -= np.append(0, np.cumsum(tiles.covered))[batches[:, PICK_END]]
         return {
             "batches": np.ascontiguousarray(batches, np.int64),
-            "pick_targets": self.pick_targets[~picks.covered],
-            "pick_sources": self.pick_sources[~picks.covered],
-            "add_targets": self.add_targets[is_added],
-            "add_sources": self.add_sources[is_added],
-            "pick_tiles": np.ascontiguousarray(picks.table, np.uint32),
-            "add_tiles": np.ascontiguousarray(adds.table, np.uint32),
+            "pick_targets": self.pick_targets[~tiles.covered],
+            "pick_sources": self.pick_sources[~tiles.covered],
+            "pick_tiles": tiles.table,
         }
 
     @cached_property
     def _untiled_entries(self) -> dict[str, Array]:
         """Fields of `Sum` without tiles."""
-        none = np.zeros((0, 2 + LANE_WIDTH), np.uint32)
         return {
-            "batches": np.column_stack([self.batch_table, np.zeros((len(self.batches), 2), int)]),
+            "batches": np.column_stack([self.batch_table, np.zeros(len(self.batches), int)]),
             "pick_targets": self.pick_targets,
             "pick_sources": self.pick_sources,
-            "add_targets": self.add_targets,
-            "add_sources": self.add_sources,
-            "pick_tiles": none,
-            "add_tiles": none,
+            "pick_tiles": np.zeros((0, 2 + LANE_WIDTH), np.uint32),
         }
-
-    @cached_property
-    def _tiles(self) -> tuple[Tiles, Tiles]:
-        """Tiles of the inputs and of the outputs; their positions begin at 0 in each batch."""
-        inputs = [BatchRows(x.kernel.n_local, x.lanes, x.copies) for x in self.batches]
-        outputs = [BatchRows(x.kernel.n_out, x.lanes, x.copies) for x in self.batches]
-        targets, sources = (x.astype(np.intp) for x in (self.pick_targets, self.pick_sources))
-        picks = find_tiles(inputs, targets, sources, fills_padding=True)
-        entries = self.entries
-        adds_of = select(entries, entries.is_plain)
-        starts = np.cumsum(self.sizes[1]) - self.sizes[1]
-        positions = starts[adds_of.batches] + adds_of.sources
-        adds = find_tiles(outputs, positions, adds_of.rows, fills_padding=False)
-        for tiles, first in ((picks, self.batch_table[:, START]), (adds, starts)):
-            counts = np.diff(tiles.ends, prepend=0)
-            tiles.table[:, 0] -= np.repeat(first, counts)
-        return picks, adds
 
     @cached_property
     def operators(self) -> tuple[sp.csr_array, sp.csr_array]:
