@@ -62,7 +62,7 @@ def differentiate_columns(
     for names in groups.values():
         e = differences[names[0]].base.without_loads_of(inactive)
         o = select(e)
-        jacobians = _differentiate_formula(o, e, times, at, 1)
+        jacobians = differentiate_formula(o, e, times, at)
         for name in names:
             x, difference = along[name], differences[name]
             change = difference.along(lambda e: select(e).operator)
@@ -76,15 +76,17 @@ def differentiate_columns(
     return result
 
 
-def _differentiate_formula(
-    o: Observable, e: EquationsOfMotion, times: Array, at: State, first: int = 0
+def differentiate_formula(
+    o: Observable, e: EquationsOfMotion, times: Array, at: State, first: int = 1
 ) -> list[Array]:
     """Return the derivatives (rows, size, columns) by (t, q, v, p, lam), and a if needed.
 
     Those by the arguments before `first` are omitted.
     """
+    # Operators have few columns; products with all coordinates would copy these.
+    acting, operator = o.active_columns
     motion = at.q, at.v, *([at.a] if o.has_accelerations else [])
-    q, v, *a = (np.asarray(o.operator @ x.T).T for x in motion)
+    q, v, *a = (np.asarray(x[:, acting] @ operator.T) for x in motion)
     arguments = times, q, v, e.p[o.data], at.lam[:, o.rows], *a
     return [
         o.function.derivative(k)(*arguments).reshape(len(times), x.shape[-1], len(o.columns))
@@ -232,7 +234,7 @@ def time_derivative(
             f"{o.name}: the time derivative of accelerations is unknown; do not observe them in "
             "this analysis."
         )
-    by_time, by_q, by_v, _, by_lam = _differentiate_formula(o, equations, times, at)
+    by_time, by_q, by_v, _, by_lam = differentiate_formula(o, equations, times, at, 0)
     clock = np.tile([1.0, 0.0], (len(times), 1))
     v, a = (np.asarray(o.operator @ x.T).T for x in (at.v, at.a))
     return _multiply((by_time, by_q, by_v, by_lam), (clock, v, a, lam_rates[:, o.rows]))
