@@ -18,7 +18,7 @@ import numpy as np
 
 from beamdae.native.instructions import expand_powers
 from beamdae.native.lane_kernels import LaneKernel, build_lane_kernel, pad_copies
-from beamdae.symbolic.table_lookups import has_lookups, jacobian, weighted_derivative
+from beamdae.symbolic.table_lookups import has_lookups, jacobian
 
 Array = np.ndarray
 
@@ -210,8 +210,6 @@ class RowFunction:
         self._function = function
         self._mapped_functions: dict[tuple[int, ...], ca.Function] = {}
         self._derivatives: dict[int, RowFunction] = {}
-        self._outputs: dict[int, RowFunction] = {}
-        self._weighted_gradient: RowFunction | None = None
         self._kernels = RowKernels(function)
 
     def __call__(self, *arguments: Array) -> Array:
@@ -286,38 +284,6 @@ class RowFunction:
             function = ca.Function(self._function.name(), inputs, [entries])
             self._derivatives[argument] = RowFunction(function)
         return self._derivatives[argument]
-
-    def output(self, index: int) -> RowFunction:
-        """Return a row function for one output entry, which takes less time than all of them."""
-        if self._function.numel_out(0) == 1:
-            return self
-        if index not in self._outputs:
-            inputs = self._function.sx_in()
-            entry = ca.densify(ca.vec(self._function(*inputs))[index])
-            function = ca.Function(f"{self._function.name()}_{index}", inputs, [entry])
-            self._outputs[index] = RowFunction(function)
-        return self._outputs[index]
-
-    def weighted_gradient(self) -> RowFunction:
-        """Return a row function of the arguments and of weights, one per output entry.
-
-        Each row of its values contains the derivatives of weights . outputs with respect to all
-        entries of all arguments but the first, which is the time.
-        """
-        if self._weighted_gradient is None:
-            inputs, function = self._function.sx_in(), self._function
-            value = expand_powers(function, *inputs)
-            weights = ca.SX.sym("weights", function.numel_out(0))
-            arguments = ca.vertcat(*map(ca.vec, inputs[1:]))
-            if has_lookups(function):
-                by_arguments = weighted_derivative(value, arguments, weights)
-            else:
-                by_arguments = ca.gradient(ca.dot(weights, value), arguments)
-            inputs = [*inputs, weights]
-            entries = [ca.densify(by_arguments)]
-            gradient = ca.Function(f"{function.name()}_gradient", inputs, entries)
-            self._weighted_gradient = RowFunction(gradient)
-        return self._weighted_gradient
 
     def _map(self, count: int, shared: list[int]) -> ca.Function:
         """Return the function over `count` rows; cached, as mapping costs as much as a call."""

@@ -229,6 +229,32 @@ def test_regression_accelerations_of_forced_periodic_motions_have_derivatives():
     assert_allclose(computed, expected, atol=1e-5 * np.max(np.abs(expected)))
 
 
+@pytest.mark.slow(reason="compiles derivatives")
+def test_accelerations_of_self_excited_motions_have_derivatives():
+    """They satisfy the derivative of the equation of motion at each phase."""
+
+    @bd.model(t_end=40.0)
+    def self_excited(stiffness=2.0):
+        mech, mass = mass_on_rail(2.0, velocity=(0.1, 0.0))
+
+        def pull(x, rate):
+            return stiffness * x + 2.0 * (x**2 - 1.0) * rate
+
+        # The spring is anchored far away, since its direction reverses at the anchor.
+        mech.add(bd.Spring("spring", mech.ground.at(-10.0, 0.0), mass.point, law=pull))
+        mech.observe("mass", mass.point)
+        mech.observe("acceleration", bd.acceleration(mass.point))
+        return mech
+
+    result = bd.periodic_sensitivities(self_excited, "stiffness", period_guess=6.5)
+    table = result.motion.solution.columns
+    x, v = table["mass.x [m]"], table["mass.x_dot [m/s]"]
+    names = "mass.x", "mass.x_dot", "acceleration.ax"
+    dx, dv, da = (result.sensitivity(name, "stiffness").to_numpy() for name in names)
+    expected = -0.5 * (x + (2.0 + 4.0 * x * v) * dx + 2.0 * (x**2 - 1.0) * dv)
+    assert_allclose(da, expected, atol=1e-3 * np.max(np.abs(expected)))
+
+
 def test_accelerations_of_particles_have_no_angle_and_no_axes():
     _, ball = free_ball((0.3, 0.7))
     assert [x.header for x in bd.acceleration(ball.point).columns] == ["ax [m/s^2]", "ay [m/s^2]"]

@@ -25,6 +25,7 @@ from beamdae.analysis.sensitivities.linear_steps import Matrices, transpose_step
 from beamdae.analysis.sensitivities.neighbors import Difference, derivative_call, is_regular
 from beamdae.analysis.sensitivities.observable_derivatives import (
     differentiate_column,
+    differentiate_formula,
     differentiate_run_columns,
     group_times,
     join_points,
@@ -147,14 +148,10 @@ def _differentiate_observable(
     Derivatives by the numbers are added to `seeds`; `by` are those by the values of a column of an
     observable, (states,).
     """
-    # Operators have few columns; products with all coordinates would copy these.
     o = e.observables[number]
     acting, operator = o.active_columns
-    q, v = (np.asarray(x[:, acting] @ operator.T) for x in (at.q, at.v))
-    function = o.function.output(column).weighted_gradient()
-    gradient = function(rows, q, v, e.p[o.data], at.lam[:, o.rows], by[:, None])
-    ends = np.cumsum([q.shape[1], v.shape[1], o.data.stop - o.data.start])
-    *by_motion, by_p, by_lam = np.split(gradient, ends, axis=1)
+    parts = differentiate_formula(o, e, rows, at)
+    *by_motion, by_p, by_lam = (by[:, None] * part[..., column] for part in parts)
     seeds.numbers[o.data] += by_p.sum(axis=0)
     for first, part, x in zip((0, e.n), by_motion, (at.q, at.v), strict=True):
         # Most columns depend either on positions or on velocities.

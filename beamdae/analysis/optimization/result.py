@@ -13,7 +13,7 @@ import numpy as np
 from beamdae import deferred
 from beamdae.analysis.optimization.problem import DesignProblem
 from beamdae.analysis.optimization.quantities import EquilibriumErrors, EquilibriumValue
-from beamdae.analysis.optimization.search import SearchResult
+from beamdae.analysis.optimization.search import EQUAL_RATIO, SearchResult
 from beamdae.analysis.parameter_bounds import describe_ends
 from beamdae.errors import format_count, format_percent, list_first
 from beamdae.interrupts import acknowledge
@@ -32,11 +32,8 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-# Relative difference of objectives up to which several searches end at the same one.
-_EQUAL_OBJECTIVES = 1e-3
-# Distances from a bound, in sizes of the number and relative to the bound, up to which a number is
-# at it.
-_BOUND_DISTANCE, _RELATIVE_DISTANCE = 1e-4, 1e-3
+# Distance from a bound, in sizes of the number, up to which a number is at it.
+_BOUND_DISTANCE = 1e-4
 
 
 class Constraint(NamedTuple):
@@ -237,7 +234,7 @@ class Optimization(HasCsv, HasPage):
         ends = table["objective"][table["violation"] == 0.0].to_numpy(float)
         if not len(ends):
             return f"none of {len(table)} searches ends at a design that satisfies the constraints"
-        limit = ends.min() + _EQUAL_OBJECTIVES * np.abs(ends).max()
+        limit = ends.min() + EQUAL_RATIO * np.abs(ends).max()
         return describe_ends(ends, len(table), limit, "objective", self.units["objective"])
 
     @property
@@ -366,7 +363,7 @@ def _find_active(problem: DesignProblem, numbers: Array) -> dict[str, str]:
     """Return "lower" or "upper" by name of the numbers at a bound."""
     sides: dict[str, str] = {}
     for side, bounds in (("lower", problem.lower), ("upper", problem.upper)):
-        limits = np.maximum(_BOUND_DISTANCE * problem.sizes, _RELATIVE_DISTANCE * np.abs(bounds))
+        limits = np.maximum(_BOUND_DISTANCE * problem.sizes, EQUAL_RATIO * np.abs(bounds))
         is_near = np.isfinite(bounds) & (np.abs(numbers - bounds) <= limits)
         sides |= dict.fromkeys(np.array(problem.names)[is_near].tolist(), side)
     return sides

@@ -34,8 +34,8 @@ Array = np.ndarray
 # constraints and bounds, up to which a design is an optimum, and smallest decrease of the scaled
 # objective to which it is relative: gradients of minima in the interior vanish.
 _OPTIMALITY_TOLERANCE, _MIN_DECREASE = 0.05, 0.1
-# Relative difference of the maximum over a run from its assumed ratio to the smooth maximum.
-_RATIO_TOLERANCE = 1e-3
+# Relative difference up to which maxima over a run, objectives, and numbers and bounds are equal.
+EQUAL_RATIO = 1e-3
 _MAX_ROUNDS = 6  # of searches with other ratios of maxima
 _INTERRUPTED = Status("interrupted", "interrupted before the end of all searches")
 
@@ -202,10 +202,10 @@ class Search:
             design, limits = problem.design(self._best().numbers), problem.limits
             rows = zip(limits, design.values[1:].tolist(), strict=True)
             ratios = np.array([design.maximum_ratio(limit, value) for limit, value in rows])
-            is_off = np.abs(ratios - problem.ratios) > _RATIO_TOLERANCE * problem.ratios
+            is_off = np.abs(ratios - problem.ratios) > EQUAL_RATIO * problem.ratios
             # Maxima that do not reach their limit need no further search.
             largest = np.maximum(ratios, problem.ratios) * np.abs(design.values[1:])
-            reaches = largest * (1.0 + _RATIO_TOLERANCE) > np.abs([x.bound for x in limits])
+            reaches = largest * (1.0 + EQUAL_RATIO) > np.abs([x.bound for x in limits])
             self._problem = replace(problem, ratios=np.where(is_off, ratios, problem.ratios))
             if not (status.success and np.any(is_off & reaches)):
                 break

@@ -55,6 +55,7 @@ from beamdae.analysis.eigenproblems.linearized_equations import (
 )
 from beamdae.analysis.sensitivities.neighbors import (
     CENTRAL,
+    RELATIVE_DIFFERENCE,
     Difference,
     Neighbors,
 )
@@ -76,8 +77,6 @@ from beamdae.symbolic.sums.sum_evaluator import SumEvaluator
 
 Array = np.ndarray
 
-# Motion of differences along directions of the unknowns, in natural sizes.
-_MOTION = 1e-3
 # Newton corrections of critical points, which paths locate up to 1e-7 of the load factor.
 _REFINEMENTS = 2
 # A parameter preserves a branch point if its forces along the critical mode, in the neighboring
@@ -194,8 +193,8 @@ class Direction(Neighbors):
 
     @classmethod
     def of_unknowns(cls, point: Point, change: Array) -> Direction:
-        """Return a direction of x and mu at a point."""
-        step = _MOTION / (point.problem.measure(change[:-1]) or 1.0)
+        """Return a direction of x and mu at a point, differenced in natural sizes."""
+        step = RELATIVE_DIFFERENCE / (point.problem.measure(change[:-1]) or 1.0)
         models = [(point.problem, prescribe_parameter)] * len(CENTRAL)
         return cls(models, CENTRAL, step, change)
 

@@ -16,7 +16,6 @@ from beamdae.equations.equations_of_motion import (
     State,
 )
 from beamdae.equations.structure import cache_on_owner
-from beamdae.errors import BeamdaeError
 from beamdae.results.columns import remove_unit, require_one_column, select_columns
 from beamdae.results.run_data import coordinate_headers
 from beamdae.results.solution import Solution
@@ -62,7 +61,7 @@ def differentiate_columns(
     for names in groups.values():
         e = differences[names[0]].base.without_loads_of(inactive)
         o = select(e)
-        jacobians = _differentiate_formula(o, e, times, at, 1)
+        jacobians = differentiate_formula(o, e, times, at)
         for name in names:
             x, difference = along[name], differences[name]
             change = difference.along(lambda e: select(e).operator)
@@ -76,15 +75,17 @@ def differentiate_columns(
     return result
 
 
-def _differentiate_formula(
-    o: Observable, e: EquationsOfMotion, times: Array, at: State, first: int = 0
+def differentiate_formula(
+    o: Observable, e: EquationsOfMotion, times: Array, at: State, first: int = 1
 ) -> list[Array]:
     """Return the derivatives (rows, size, columns) by (t, q, v, p, lam), and a if needed.
 
     Those by the arguments before `first` are omitted.
     """
+    # Operators have few columns; products with all coordinates would copy these.
+    acting, operator = o.active_columns
     motion = at.q, at.v, *([at.a] if o.has_accelerations else [])
-    q, v, *a = (np.asarray(o.operator @ x.T).T for x in motion)
+    q, v, *a = (np.asarray(x[:, acting] @ operator.T) for x in motion)
     arguments = times, q, v, e.p[o.data], at.lam[:, o.rows], *a
     return [
         o.function.derivative(k)(*arguments).reshape(len(times), x.shape[-1], len(o.columns))
@@ -209,7 +210,7 @@ def split_points(points: Sequence[ColumnPoints], values: Array) -> list[Array]:
 
 
 def time_derivative(
-    o: Observable, equations: EquationsOfMotion, times: Array, at: State, lam_rates: Array
+    o: Observable, equations: EquationsOfMotion, times: Array, at: State, rates: State
 ) -> Array:
     """Return the total time derivatives of the columns of an observable, (rows, columns).
 
@@ -219,23 +220,14 @@ def time_derivative(
         Observable of these equations.
     times, at
         Rows of (t, branch), and the states, whose accelerations are those of the motion.
-    lam_rates
-        Time derivatives of the multipliers, (rows, m).
-
-    Raises
-    ------
-    BeamdaeError
-        If the columns depend on accelerations, whose time derivatives are unknown.
+    rates
+        Time derivatives of the accelerations and multipliers.
     """
-    if o.has_accelerations:
-        raise BeamdaeError(
-            f"{o.name}: the time derivative of accelerations is unknown; do not observe them in "
-            "this analysis."
-        )
-    by_time, by_q, by_v, _, by_lam = _differentiate_formula(o, equations, times, at)
+    by_time, by_q, by_v, _, *by_forces = differentiate_formula(o, equations, times, at, 0)
     clock = np.tile([1.0, 0.0], (len(times), 1))
-    v, a = (np.asarray(o.operator @ x.T).T for x in (at.v, at.a))
-    return _multiply((by_time, by_q, by_v, by_lam), (clock, v, a, lam_rates[:, o.rows]))
+    v, a, jerk = (np.asarray(o.operator @ x.T).T for x in (at.v, at.a, rates.a))
+    changes = clock, v, a, rates.lam[:, o.rows], jerk
+    return _multiply((by_time, by_q, by_v, *by_forces), changes)
 
 
 @cache_on_owner

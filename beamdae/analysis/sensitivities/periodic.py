@@ -96,8 +96,8 @@ class PeriodicSensitivities(SensitivityResult):
             e, run.trajectory, run.t, self.trajectories, self._differences
         )
         if e.observables and any(self.periods.values()):
-            lam_rates = run.trajectory.derivative_at(run.t).lam
-            rates = np.hstack([time_derivative(o, e, times, at, lam_rates) for o in e.observables])
+            along = run.trajectory.derivative_at(run.t)
+            rates = np.hstack([time_derivative(o, e, times, at, along) for o in e.observables])
             shifts = (run.t - run.t[0])[:, None] / self.motion.period * rates
             changes = {name: rows + self.periods[name] * shifts for name, rows in changes.items()}
         return {

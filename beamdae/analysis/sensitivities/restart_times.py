@@ -152,8 +152,8 @@ def differentiate_event_time(
     if is_elastic:
         rate = float(interval.force_rates_at(values, here)[0])
     else:
-        lam_rates = interval.derivative_at(here).lam
-        rate = float(time_derivative(term.observable, active, times, at, lam_rates)[0, term.column])
+        rates = time_derivative(term.observable, active, times, at, interval.derivative_at(here))
+        rate = float(rates[0, term.column])
     if not abs(rate) > _MIN_EVENT_RATE * float(np.ptp(values)) / duration:
         raise BeamdaeError(
             f"{derivative_call()}: the quantity of event {term.name} only touches its value at t = "

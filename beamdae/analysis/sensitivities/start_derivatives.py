@@ -51,7 +51,6 @@ Array = np.ndarray
 _STEP_FRACTION = 1e-3
 # Motion over which derivatives of forces are differenced, relative to that in a stiff time.
 _MOTION_FRACTION = 0.1
-_MAX_MATRICES = 256  # that select parts of vectors
 
 
 @cache_on_owner
@@ -84,13 +83,13 @@ def _split(n: int, m: int, n_p: int) -> dict[str, slice]:
     return {x: slice(*y) for x, *y in zip(names, ends, ends[1:], strict=False)}
 
 
-@lru_cache(_MAX_MATRICES)
+@lru_cache
 def _pick(size: int, start: int, stop: int) -> LinearOperator:
     """Return the matrix that selects consecutive entries."""
     return aslinearoperator(sp.eye_array(stop - start, size, k=start, format="csr"))
 
 
-@lru_cache(_MAX_MATRICES)
+@lru_cache
 def _choose_rows(n: int, m: int, size: int, level: int, with_force: bool) -> LinearOperator:
     force = with_force * (sp.eye_array(n, size) + sp.eye_array(n, size, k=n + 3 * m))
     rows = sp.vstack([force, sp.eye_array(m, size, k=n + level * m)], format="csr")
