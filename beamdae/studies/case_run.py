@@ -33,6 +33,7 @@ from beamdae.studies.run_values import (
     collect_run_values,
     evaluate_outputs,
     measure_rows,
+    measured_errors,
     summarize_wall_times,
 )
 from beamdae.studies.store import format_trajectory
@@ -130,6 +131,7 @@ def _run_case(task: Task, reads: FileReads) -> Outcome:
         rows,
         measures,
         frames,
+        errors=measured_errors(solution),
         text=text,
         kernel_warnings=_list_messages(caught, KernelWarning),
     )

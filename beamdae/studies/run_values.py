@@ -21,7 +21,7 @@ MIN_WALL_TIME_COLUMN = "wall time min [s]"
 MAX_WALL_TIME_COLUMN = "wall time max [s]"
 MEASURING_TIME_COLUMN = "measuring time [s]"
 REACHED_COLUMN = "reached [s]"
-MEASURED_ERROR_COLUMN = "measured error [-]"  # largest one of the observed columns
+MEASURED_ERROR_COLUMN = "measured error [-]"  # largest one of the selected columns
 SETTING_COLUMNS = ("formulation", "error control", "max order")
 # Columns of the case table and their keys in `Solution.summary`.
 COUNT_COLUMNS = {
@@ -56,16 +56,20 @@ def collect_run_values(solution: Solution) -> dict[str, Any]:
     )
     names = [record.name for record in solution.event_records]
     warnings = "\n".join(solution.warnings)  # measures the errors
-    errors: Any = vars(solution).get("errors")
-    has_errors = errors is not None and not np.isnan(errors.largest)
     return {
         REACHED_COLUMN: summary["last_time"],
         **dict(zip(SETTING_COLUMNS, values, strict=True)),
         **{column: summary[name] for column, name in (COUNT_COLUMNS | MEASURE_COLUMNS).items()},
-        **({MEASURED_ERROR_COLUMN: errors.largest} if has_errors else {}),
         "warnings": warnings,
         **({EVENTS_COLUMN: format_event_counts(names)} if solution.equations.events else {}),
     }
+
+
+def measured_errors(solution: Solution) -> dict[str, float]:
+    """Return the errors of the observed columns that were measured, by header."""
+    errors: Any = vars(solution).get("errors")
+    pairs = () if errors is None else zip(errors.headers, errors.total.tolist(), strict=True)
+    return {header: error for header, error in pairs if not np.isnan(error)}
 
 
 def summarize_wall_times(times: Sequence[float]) -> dict[str, float]:

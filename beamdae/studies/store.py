@@ -52,12 +52,13 @@ class Record:
     measures: dict[str, list[float]]
     frames: dict[str, Any] | None
     read: dict[str, str | None]
+    errors: dict[str, float]
     file: str
     time_limit: float | None
     repetitions: int
 
 
-_FORMAT = Format(FileKind("record", "run the case again"), 9, Record)
+_FORMAT = Format(FileKind("record", "run the case again"), 10, Record)
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,7 @@ class Store:
             outcome.measures,
             outcome.frames,
             outcome.read,
+            outcome.errors,
             file,
             task.time_limit,
             task.repetitions,
@@ -131,6 +133,7 @@ class Store:
             record.measures,
             record.frames,
             record.read,
+            record.errors,
             record.file,
         )
 

@@ -149,6 +149,8 @@ class Outcome:
         Shapes of the bodies over time for an animation; None unless requested.
     read
         Hashes of the files that were read, by name; see `digest_reads`.
+    errors
+        Measured errors of the observed columns, see `measured_errors`.
     file
         Name of the stored trajectory file, or "".
     text
@@ -165,6 +167,7 @@ class Outcome:
     measures: dict[str, list[float]] = field(default_factory=dict, repr=False)
     frames: dict[str, Any] | None = None
     read: dict[str, str | None] = field(default_factory=dict)
+    errors: dict[str, float] = field(default_factory=dict, repr=False)
     file: str = ""
     text: bytes = field(default=b"", repr=False)
     kernel_warnings: tuple[str, ...] = ()

@@ -52,6 +52,13 @@ def test_errors_of_the_checked_cases_are_those_of_the_runs():
     assert_allclose(errors[0], run.errors.largest, rtol=0.02)
     assert np.isnan(errors[1])
     assert errors[2] < 0.1 * errors[0]
+    # Those of columns that are not selected do not count.
+    total = np.where(run.errors.total > 0.0, run.errors.total, np.inf)
+    chosen = run.errors.headers[int(np.argmin(total))]
+    alone = bd.sweep(hub_beam, {"elements": [1]}, of=chosen, t_end=1.0, integrator=bd.Radau())
+    of_column = run.errors.select([chosen]).largest
+    assert of_column < 0.5 * run.errors.largest
+    assert_allclose(alone.table["measured error [-]"], of_column, rtol=0.02)
 
 
 @pytest.mark.slow(reason="a quarter of a second")

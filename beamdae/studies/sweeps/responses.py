@@ -75,7 +75,7 @@ def tabulate_responses(results: StudyResults, study: Sweep) -> pd.DataFrame:
     for case, setting in zip(study.cases, study.settings, strict=True):
         outcome = results.outcome(case)
         status, values = outcome.status, outcome.values
-        error = values.get(MEASURED_ERROR_COLUMN, np.nan)
+        errors = [outcome.errors[x] for x in headers if x in outcome.errors]
         of_run = outcome.measures if status.success else {}
         missing = [np.nan] * len(MEASURES)
         numbers = [x for header in headers for x in of_run.get(header, missing)]
@@ -85,7 +85,7 @@ def tabulate_responses(results: StudyResults, study: Sweep) -> pd.DataFrame:
             STATUS: status.kind,
             **dict(zip(measures, numbers, strict=True)),
             **{name: np.nan if x is None else x for name, x in outputs.items()},
-            **({} if study.is_measured else {MEASURED_ERROR_COLUMN: error}),
+            **({} if study.is_measured else {MEASURED_ERROR_COLUMN: max(errors, default=np.nan)}),
             WALL_TIME_COLUMN: values.get(WALL_TIME_COLUMN, np.nan),
             REASON: "" if status.success else status.sentence,
             WARNINGS: values.get(WARNINGS, ""),
