@@ -265,7 +265,8 @@ class _Samples:
         """Return the root of test function `k`, and the samples around it.
 
         The root is interpolated between samples at a distance, because rounding moves points closer
-        to a crossing along the critical modes. The result is None if the samples do not suffice.
+        to a crossing along the critical modes; three are near, because tests are not linear. The
+        result is None if the samples do not suffice.
         """
         for _ in range(_MAX_SAMPLES):
             values = {position: float(x[k]) for position, x in self.values.items()}
@@ -275,12 +276,22 @@ class _Samples:
             # Long steps may pass a critical point at their very beginning.
             distance = REGULAR_DISTANCE * min(1.0, 4.0 * min(root, 1.0 - root) + _RESOLUTION)
             is_left_far, is_right_far = (abs(x - root) > 2.0 * distance for x in (left, right))
-            if not (is_left_far or is_right_far):
+            is_bracketed = not (is_left_far or is_right_far)
+            near = [x for x in values if abs(x - root) <= 4.0 * distance]
+            if is_bracketed and (len(near) > 2 or len(values) == 2):
                 return root, left, right
             aimed = root - distance if is_left_far else root + distance
             aimed = min(max(aimed, left + 0.5 * distance), right - 0.5 * distance)
+            ends = left, right
+            if is_bracketed:
+                # The longer one of the ways to the next samples is divided.
+                before = max((x for x in values if x < left), default=left)
+                after = min((x for x in values if x > right), default=right)
+                is_after = after - right > left - before
+                aimed = right + distance if is_after else left - distance
+                ends = (right, after) if is_after else (before, left)
             try:
-                self.add_between(left, right, aimed)
+                self.add_between(*ends, aimed)
             except CurveError:
                 if right - left <= _WIDE * distance:
                     return root, left, right
