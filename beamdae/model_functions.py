@@ -478,7 +478,7 @@ def require_model_function(caller: str, model: Any) -> Model:
     if not isinstance(model, Model):
         raise BeamdaeError(
             f"{caller}: model must be a model function, got {short_repr(model)}; decorate the "
-            "function that builds the mechanism with bd.model."
+            "function that builds the mechanism with bd.model, and pass it without calling it."
         )
     return model
 

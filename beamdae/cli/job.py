@@ -166,7 +166,7 @@ class Job(ModelJob):
         def write_page(result: Any, path: Path, title: str) -> Path:
             from beamdae.report.result_displays import write_analysis_page
 
-            return write_analysis_page(result, path, title)
+            return write_analysis_page(result, path, title, names)
 
         def draw(result: Any, title: str) -> Any:
             from beamdae.report.result_displays import create_result_figure

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -73,11 +74,12 @@ _VIEW_MARGIN = 0.05  # of the frequencies shown first, relative to the largest o
 _MAX_VIBRATIONS, _MAX_DECAYS = 16, 8  # the slowest ones; growing ones are listed, too
 
 
-def build_path_page(equilibrium: Equilibrium, title: str) -> Content:
+def build_path_page(equilibrium: Equilibrium, title: str, names: Sequence[str] = ()) -> Content:
     """Return the page of an equilibrium path, with its points in the place of times.
 
-    One chart shows the load factor over an observed column, or this column over the quantity that
-    varies instead, with the critical points.
+    One chart shows the load factor over an observed column, the first one of `names` or the one
+    that varies most, or this column over the quantity that varies instead, with the critical
+    points.
     """
     header, observed, critical = equilibrium.header, equilibrium.columns, equilibrium.critical
     columns = {header: equilibrium.factors.sum(axis=1), **observed}
@@ -86,7 +88,8 @@ def build_path_page(equilibrium: Equilibrium, title: str) -> Content:
     lengths = [x for x in observed if Header.of(x).unit == "m"]
     # The observed point that moves most.
     largest = max(lengths or observed or [header], key=lambda x: np.ptp(columns[x]))
-    abscissa, ordinate = (header, largest) if equilibrium.over else (largest, header)
+    names = names or [largest]
+    abscissa, ordinate = (header, names[0]) if equilibrium.over else (names[0], header)
     points_of_path = [
         {
             "kind": x.kind,
@@ -111,7 +114,7 @@ def build_path_page(equilibrium: Equilibrium, title: str) -> Content:
         ],
         groups=[{"id": GROUP, "frames": _export_path_frames(equilibrium)}],
         time={"name": "point", "unit": ""},
-        featured=[largest],
+        featured=list(names),
         portrait={
             "x": abscissa,
             "y": ordinate,

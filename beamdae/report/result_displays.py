@@ -62,17 +62,23 @@ _FIGURES = {
     "PeriodicMotion": "pictures.time_plots.create_motion_figure",
     "ProfileLikelihood": "pictures.analysis_plots.create_profile_figure",
 }
-# Results whose functions also take columns, and the column of the horizontal axis.
+# Results whose functions also take columns, and for pictures the column of the horizontal axis.
 _WITH_COLUMNS = ("Equilibrium", "FrequencyResponse", "PeriodicMotion")
 
 
-def write_analysis_page(result: Any, path: Path, title: str | None = None) -> Path:
-    """Write the page of the result of an analysis, such as modes or a response curve."""
+def write_analysis_page(
+    result: Any, path: Path, title: str | None = None, names: Sequence[str] = ()
+) -> Path:
+    """Write the page of the result of an analysis, such as modes or a response curve.
+
+    Those of paths, periodic motions and response curves open on the columns `names`.
+    """
     kind = type(result).__name__
     if title is None:
         name = result.model.get("name") if kind in _NAMED else None
         title = str(name or _TITLES[kind].format(result))
-    return write_page(path, _import_function(_PAGES[kind])(result, title))
+    chosen = (names,) if kind in _WITH_COLUMNS else ()
+    return write_page(path, _import_function(_PAGES[kind])(result, title, *chosen))
 
 
 def create_result_figure(

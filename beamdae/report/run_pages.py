@@ -130,28 +130,35 @@ def _format_parameter(value: Any) -> str:
     return format_number(value, _PARAMETER_DIGITS)
 
 
-def build_periodic_page(motion: PeriodicMotion, title: str) -> Content:
-    """Return the page content of a periodic motion: one period as a run, and its stability."""
+def build_periodic_page(motion: PeriodicMotion, title: str, names: Sequence[str] = ()) -> Content:
+    """Return the page content of a periodic motion: one period as a run, and its stability.
+
+    It opens on the columns `names`, if there are any.
+    """
     page = build_run_page(motion.solution, title, warnings=motion.warnings)
     description = describe(motion)
     facts = {"status": motion.status.sentence, **description.facts}
     added = [fact_table("Periodic motion", facts), *export_tables(description)]
     tables = [table for table in page["tables"] if table["title"] != "Observed"]
     subtitle = f"{motion.status.sentence}; {motion.stability}"
-    return page | {"subtitle": subtitle, "tables": [*added, *tables]}
+    featured = {"featured": list(names)} if names else {}
+    return page | featured | {"subtitle": subtitle, "tables": [*added, *tables]}
 
 
-def build_response_page(response: FrequencyResponse, title: str) -> Content:
+def build_response_page(
+    response: FrequencyResponse, title: str, names: Sequence[str] = ()
+) -> Content:
     """Return the page content of a response curve: one case per periodic motion along the curve.
 
     The scatter plot shows a half range over the parameter, with peaks marked and lines to unstable
-    motions dashed.
+    motions dashed. It is that of the first one of `names`, or of the largest motion.
     """
     table, points, parameter = response.table(), response.points, response.parameter
     observed = list(points[0].solution.columns) if points else []
     amplitudes = {name: response.curve(name)[1] for name in observed}
     lengths = [name for name in observed if Header.of(name).unit == "m"]
-    largest = max(lengths or observed, key=lambda name: amplitudes[name].max(), default=None)
+    moving_most = max(lengths or observed, key=lambda name: amplitudes[name].max(), default=None)
+    largest = next(iter(names), moving_most)
     peaks, description = response.peak_table(), describe(response)
     moving = sample_evenly(len(points), _MAX_RESPONSE_MOTIONS)
     max_rows = compute_row_limit(len(points) * len(observed))

@@ -204,7 +204,7 @@ def mode_sensitivities(
     if isinstance(about, Equilibrium) and about.numbers is not None:
         raise BeamdaeError(
             f"{_NAME}: the path varies {about.quantity}, so its end is that of another model than "
-            "the given one; pass an equilibrium of this model."
+            "the given one; use about='equilibrium' with t= or parameters= of this place."
         )
     result = compute_modes(model(), about, n, damping, t, has_accuracy=False)
     derivatives = differentiate_modes(model, names, result, about, damping, t)
@@ -254,8 +254,9 @@ def differentiate_modes(
         undamped = "; for overdamped modes, use damping=False" if damping else ""
         warn_user(
             f"{_NAME}: the eigenvalues of modes {numbers} of {model.name} are repeated (within "
-            f"{_MIN_GAP:g}), so their derivatives do not exist (NaN); request fewer modes (n=), or "
-            f"change a parameter so that the eigenvalues differ{undamped}."
+            f"{_MIN_GAP:g}), so their derivatives are not known (NaN); model one half of a "
+            "symmetric structure, or change a parameter so that the eigenvalues differ"
+            f"{undamped}."
         )
         pairs = {k: pair for k, pair in pairs.items() if k not in repeated}
     eigenvalues, shapes = {}, {}

@@ -73,8 +73,8 @@ _FIRST_LOADS = 1.0, 1e-2, 1e-4, 1e-6
 _SAME_POINT_RATIO = 1e-2
 _MAX_CHECK_POINTS = 100
 _CLOSED_PATH = (
-    "the path is closed and returns to a branch point passed before; switch at one "
-    "more branch point, for example with switch=[1, 1]"
+    "the path is closed and returns to a branch point passed before; switch at one more branch "
+    "point, in one of both directions, for example with switch=[1, 1] or [1, -1]"
 )
 _REMEDIES = {
     DISPLACEMENT: "check that the loads move the prescribed column, or use control='arc length' to "
