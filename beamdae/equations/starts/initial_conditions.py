@@ -169,9 +169,11 @@ def _split_by_kind(
     for name in values:
         if name not in index and name not in rates:
             near = suggest(name, (*index, *rates))
+            part = f"{str(name).partition('.')[0]}."
+            known = [x for x in index if x.startswith(part)] or list(index)
             raise BeamdaeError(
                 f"start: there is no coordinate {short_repr(name)}{near}; "
-                f"use names such as {e.q_names[0]!r} and {e.q_names[0] + _RATE_SUFFIX!r}."
+                f"use names such as {list_first(known)}, or {known[0] + _RATE_SUFFIX} for a rate."
             )
     positions = {index[name]: value for name, value in values.items() if name in index}
     velocities = {rates[x]: value for x, value in values.items() if x in rates and x not in index}
