@@ -8,6 +8,7 @@ disturbances that alternate from period to period begin to grow at a period doub
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -63,7 +64,7 @@ class Count(NamedTuple):
     Attributes
     ----------
     divergent, oscillating
-        Motions without and with oscillation.
+        Motions without and with oscillation; -1 if they are not known.
     alternating
         Motions that alternate from period to period.
     free
@@ -222,13 +223,17 @@ def _find_other_sign(values: Array, sign: float) -> float | None:
 
 
 def _find_turn(segment: Segment, low: _Sample, high: _Sample) -> CriticalPoint:
-    """Return the point where the parameter has an extremum, which is a parabola between samples."""
+    """Return the point where the parameter has an extremum, which is a parabola between samples.
+
+    Without known motions, it is a limit point.
+    """
     share, width = low.rate / (low.rate - high.rate), high.position - low.position
     move = share * high.point.minus(low.point)
     move[-1] = 0.5 * low.rate * share * width * segment.reach
     point = replace(low.point.plus(move), beside=low.point)
     mode = critical_modes(low.point)[:, 0]
-    return CriticalPoint(low.position + share * width, BRANCH, point, mode)
+    kind = BRANCH if low.counts.divergent >= 0 else LIMIT
+    return CriticalPoint(low.position + share * width, kind, point, mode)
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,38 +270,42 @@ class _Samples:
         """Return the root of test function `k`, and the samples around it.
 
         The root is interpolated between samples at a distance, because rounding moves points closer
-        to a crossing along the critical modes; three are near, because tests are not linear. The
-        result is None if the samples do not suffice.
+        to a crossing along the critical modes. The result is None if the samples do not suffice.
         """
         for _ in range(_MAX_SAMPLES):
-            values = {position: float(x[k]) for position, x in self.values.items()}
+            values = self._select(k)
             right = min(x for x in values if values[x] <= 0.0)
             left = max(x for x in values if x < right)
             root = _interpolate_root(values, left, right)
             # Long steps may pass a critical point at their very beginning.
             distance = REGULAR_DISTANCE * min(1.0, 4.0 * min(root, 1.0 - root) + _RESOLUTION)
             is_left_far, is_right_far = (abs(x - root) > 2.0 * distance for x in (left, right))
-            is_bracketed = not (is_left_far or is_right_far)
-            near = [x for x in values if abs(x - root) <= 4.0 * distance]
-            if is_bracketed and (len(near) > 2 or len(values) == 2):
-                return root, left, right
+            if not (is_left_far or is_right_far):
+                self._add_beside(left, right, distance)
+                return _interpolate_root(self._select(k), left, right), left, right
             aimed = root - distance if is_left_far else root + distance
             aimed = min(max(aimed, left + 0.5 * distance), right - 0.5 * distance)
-            ends = left, right
-            if is_bracketed:
-                # The longer one of the ways to the next samples is divided.
-                before = max((x for x in values if x < left), default=left)
-                after = min((x for x in values if x > right), default=right)
-                is_after = after - right > left - before
-                aimed = right + distance if is_after else left - distance
-                ends = (right, after) if is_after else (before, left)
             try:
-                self.add_between(*ends, aimed)
+                self.add_between(left, right, aimed)
             except CurveError:
                 if right - left <= _WIDE * distance:
                     return root, left, right
                 self.add_between(left, right, 0.5 * (left + right))
         return None
+
+    def _select(self, k: int) -> dict[float, float]:
+        """Return the values of test function `k` by position."""
+        return {position: float(x[k]) for position, x in self.values.items()}
+
+    def _add_beside(self, left: float, right: float, distance: float) -> None:
+        """Add a third sample near a root between two, because test functions are not linear."""
+        before = max((x for x in self.values if x < left), default=left)
+        after = min((x for x in self.values if x > right), default=right)
+        with suppress(CurveError):
+            if after - right > max(left - before, distance):
+                self.add_between(right, after, right + distance)
+            elif left - before > distance:
+                self.add_between(before, left, left - distance)
 
 
 def _find_roots(

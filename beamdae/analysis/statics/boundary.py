@@ -257,7 +257,8 @@ def boundary(
     -----
     BeamdaeWarning
         If the curve ends early, if points lie on paths that are unstable without the critical
-        mode, and as in `equilibrium` for the first path, except about its end.
+        mode, if this is not known because the forces have no potential, and as in `equilibrium` for
+        the first path, except about its end.
 
     Examples
     --------
@@ -329,6 +330,12 @@ def boundary(
             f"directions above 0), the first one at {span.describe(unstable[0].share)} with the "
             f"load factor {unstable[0].factor:.6g}; the structure leaves such a path at another "
             "critical point, so also follow other kinds and numbers."
+        )
+    if any(point.unstable < 0 for point in points):
+        warn_user(
+            f"{_NAME}: under loads without a potential, unstable directions are not counted, so "
+            "that other critical points may come before these; compare with equilibrium at some "
+            f"values of {name}."
         )
     return Boundary(
         kind,
