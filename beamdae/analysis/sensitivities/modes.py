@@ -254,9 +254,9 @@ def differentiate_modes(
         undamped = "; for overdamped modes, use damping=False" if damping else ""
         warn_user(
             f"{_NAME}: the eigenvalues of modes {numbers} of {model.name} are repeated (within "
-            f"{_MIN_GAP:g}), so their derivatives are not known (NaN); model one half of a "
-            "symmetric structure, or change a parameter so that the eigenvalues differ"
-            f"{undamped}."
+            f"{_MIN_GAP:g}), so their derivatives are not known (NaN); request fewer modes "
+            "(n=), model one half of a symmetric structure, or change a parameter so that the "
+            f"eigenvalues differ{undamped}."
         )
         pairs = {k: pair for k, pair in pairs.items() if k not in repeated}
     eigenvalues, shapes = {}, {}
