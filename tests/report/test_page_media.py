@@ -338,12 +338,16 @@ PIXEL = 0.02  # tolerance of values read from positions rounded to pixels
 
 def zoom_in(tab, key):
     """Zoom in about the middle of a chart."""
+    before = visible_ranges(tab, key)
     box = tab.locator(PLOT.format(key)).bounding_box()
     tab.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
     tab.keyboard.down("Control")
     tab.mouse.wheel(0, -100)
     tab.keyboard.up("Control")
-    tab.wait_for_timeout(100)
+    for _ in range(50):
+        tab.wait_for_timeout(100)
+        if visible_ranges(tab, key) != before:
+            break
 
 
 @pytest.mark.parametrize("key", ["scatter", "observed", "error"])
