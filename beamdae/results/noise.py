@@ -111,10 +111,14 @@ def mark_vanishing_columns(
     """Return the mask of the columns that differ by errors only, far below others of their kind.
 
     `differences` are the largest ones of two computations of each column, (columns,), and `length`
-    is that of the mechanism [m].
+    is that of the mechanism [m], beside which those of positions must be as small: a computation
+    that leaves a symmetric path differs by more.
     """
-    limits = _VANISHING_TO_OTHERS_RATIO * largest_of_kind(headers, half_range, length)
-    return np.asarray((half_range <= limits) & (differences > _MIN_NOISE_SHARE * half_range))
+    is_doubtful = differences > _MIN_NOISE_SHARE * half_range
+    for sizes, others in ((half_range, NO_OTHERS), (0.5 * differences, {"m": length})):
+        largest = largest_of_kind(headers, half_range, length, others)
+        is_doubtful &= sizes <= _VANISHING_TO_OTHERS_RATIO * largest
+    return np.asarray(is_doubtful)
 
 
 def mark_resting_columns(
