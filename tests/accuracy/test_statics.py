@@ -273,3 +273,26 @@ def test_strains_are_recommended_before_elements(elements):
     path = bd.equilibrium(cantilever(STRIP, 0.6, elements, (0.0, -600.0), strain="green"))
     assert path.errors.largest > 0.4
     assert path.errors.recommend() == 'strain="exact" of beam'
+
+
+@pytest.mark.slow(reason="several seconds")
+@pytest.mark.parametrize("size", [1.0, 1e-2, 1e2], ids=lambda x: f"size {x:g}")
+def test_columns_that_vanish_by_symmetry_have_no_errors(size):
+    """The crown of an arch under pressure moved by 1e-10 m, with "an error of more than 100 %"."""
+    section = rectangle(0.002 * size, 0.02 * size)
+    radius = (0.25 * 0.5**2 + 0.02**2) / 0.04 * size
+    half = math.asin(0.25 * size / radius)
+    start, length = (0.25 * size, 0.0), 2.0 * half * radius
+    mech = bd.Mechanism()
+    curve = bd.Arc(radius, length, start=start, angle=math.pi - half)
+    arch = mech.add(bd.Beam("arch", curve, section, elements=16, formulation="exact"))
+    for name, end in (("right", arch.start), ("left", arch.end)):
+        mech.add(bd.Weld(name, mech.ground.at(*end.point), end))
+    pressure = 4.0 * section.EI / size**3
+    mech.add(bd.DistributedForce("pressure", arch, (0.0, pressure), axes="section"))
+    mech.observe("crown", arch.at(0.5 * length))
+    mech.observe("quarter", arch.at(0.25 * length))
+    path = bd.equilibrium(mech, to={"crown.y": -0.02 * size})
+    assert np.ptp(path.columns["crown.y [m]"]) > 0.03 * size
+    assert np.ptp(path.columns["crown.x [m]"]) < 1e-6 * size
+    assert np.nanmax(path.errors.total) < 1e-2

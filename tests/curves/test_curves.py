@@ -419,3 +419,15 @@ def test_extreme_noise_gives_a_curve_or_an_error(noise):
     except bd.BeamdaeError:
         return
     assert np.isfinite(curve.length)
+
+
+# Lengths [m] of curves whose curvature jumps, from millimeters to hundreds of meters, and signs.
+@pytest.mark.parametrize("length", [1e-3, 1.0, 300.0])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_curvatures_that_jump_are_refused_and_those_with_kinks_are_integrated(length, sign):
+    """Jumps were rounded: the ends of arcs were 1 degree off."""
+    with pytest.raises(bd.BeamdaeError, match=f"jumps near s = {0.4 * length:.4g} m"):
+        bd.IntrinsicCurve(lambda s: sign * 3.0 / length * (s > 0.4 * length), length)
+    kinked = bd.IntrinsicCurve(lambda s: sign * 5.0 * abs(s / length - 0.4) / length, length)
+    # The integral of 5 |x - 0.4| from 0 to 1.
+    assert_allclose(kinked.tangent_angle(length), sign * 2.5 * (0.16 + 0.36), atol=1e-5)
