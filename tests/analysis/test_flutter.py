@@ -352,7 +352,8 @@ def test_divergence_ends_where_half_of_the_force_follows():
         return half_following_column(share)
 
     by, to = ("share", "load"), 1.2 * divergence_load(0.45)
-    curve = bd.boundary(model, "branch point", by, (0.45, 0.52), step=0.4, to=to)
+    with pytest.warns(bd.BeamdaeWarning, match="unstable directions are not counted"):
+        curve = bd.boundary(model, "branch point", by, (0.45, 0.52), step=0.4, to=to)
     assert curve.status.success
     (turning,) = curve.special
     assert turning.kind == "turning point"

@@ -331,7 +331,8 @@ def boundary(
             f"load factor {unstable[0].factor:.6g}; the structure leaves such a path at another "
             "critical point, so also follow other kinds and numbers."
         )
-    if any(point.unstable < 0 for point in points):
+    # The only point of a curve that fails at its begin is not counted under any loads.
+    if any(point.unstable < 0 for point in points[1:]):
         warn_user(
             f"{_NAME}: under loads without a potential, unstable directions are not counted, so "
             "that other critical points may come before these; compare with equilibrium at some "
