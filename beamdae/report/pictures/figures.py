@@ -234,10 +234,6 @@ def draw_panels(
     "tip.y [m]", the axes have equal scales. The common legend contains the line styles of `entries`
     by name.
     """
-    from matplotlib.lines import Line2D
-
-    from beamdae.report.pictures.tick_labels import format_ticks
-
     figure, axes = create_panels(len(panels), title, what, x_label)
     for axis, panel in zip(axes, panels, strict=False):
         for x, y, style in panel.lines:
@@ -247,50 +243,67 @@ def draw_panels(
         axis.set(xscale=panel.scales[0], yscale=panel.scales[1])
         format_axis(axis, shorten_text(panel.title, _PANEL_TITLE_LETTERS), panel.label)
         if panel.abscissa is not None:
-            axis.margins(x=0.05)
-            format_ticks(axis.xaxis)
-            if axis.get_xscale() == "linear":
-                axis.locator_params(axis="x", nbins=_MAX_HORIZONTAL_TICKS)
-            axis.set_xlabel(shorten_text(panel.abscissa[0], MAX_LABEL_LETTERS))
-            axis.xaxis.get_offset_text().set_fontsize(9)
-            columns = [Header.of(x) for x in panel.abscissa]
-            if columns[0].name == columns[1].name and {x.unit for x in columns} == {"m"}:
-                axis.set_aspect("equal", adjustable="datalim")
+            _format_abscissa(axis, *panel.abscissa)
         if panel.legend:
-            # Above the upper right corner of the axes, where it covers no curve.
-            legend = axis.legend(
-                axis.lines,
-                [""] * len(panel.legend),
-                loc="lower right",
-                bbox_to_anchor=(1.02, 0.97),
-                frameon=False,
-                fontsize=8,
-                ncols=min(len(panel.legend), _PANEL_LEGEND_COLUMNS),
-                handlelength=1.2,
-                columnspacing=1.0,
-            )
-            set_legend_names(legend, [shorten_text(x, _PANEL_LEGEND_LETTERS) for x in panel.legend])
+            _add_panel_legend(axis, panel.legend)
     if entries:
-        # Below the panels, by which the figure becomes higher.
-        width = figure.get_figwidth()
-        letters = int((width - _LEGEND_LINE_WIDTH) / _LEGEND_LETTER_WIDTH)
-        names = [shorten_text(name, min(_LEGEND_ENTRY_LETTERS, letters)) for name in entries]
-        widest = _LEGEND_LETTER_WIDTH * max(map(len, names)) + _LEGEND_LINE_WIDTH
-        ncols = max(1, min(len(names), int(width / widest)))
-        rows = math.ceil(len(names) / ncols)
-        figure.set_figheight(figure.get_figheight() + _LEGEND_ROW_HEIGHT * rows)
-        legend = figure.legend(
-            handles=[Line2D([], [], **style) for style in entries.values()],
-            labels=[""] * len(names),
-            loc="outside lower center",
-            ncols=ncols,
-            frameon=False,
-            fontsize=8,
-            handlelength=3.0,
-        )
-        set_legend_names(legend, names)
+        _add_legend(figure, entries)
     disable_math_text(figure)
     return figure
+
+
+def _format_abscissa(axis: Axes, header: str, vertical: str) -> None:
+    """Set label, ticks and scale of an axis that shows the column `header` instead of time."""
+    from beamdae.report.pictures.tick_labels import format_ticks
+
+    axis.margins(x=0.05)
+    format_ticks(axis.xaxis)
+    if axis.get_xscale() == "linear":
+        axis.locator_params(axis="x", nbins=_MAX_HORIZONTAL_TICKS)
+    axis.set_xlabel(shorten_text(header, MAX_LABEL_LETTERS))
+    axis.xaxis.get_offset_text().set_fontsize(9)
+    columns = [Header.of(x) for x in (header, vertical)]
+    if columns[0].name == columns[1].name and {x.unit for x in columns} == {"m"}:
+        axis.set_aspect("equal", adjustable="datalim")
+
+
+def _add_panel_legend(axis: Axes, labels: Sequence[str]) -> None:
+    """Add a legend above the upper right corner of the axes, where it covers no curve."""
+    legend = axis.legend(
+        axis.lines,
+        [""] * len(labels),
+        loc="lower right",
+        bbox_to_anchor=(1.02, 0.97),
+        frameon=False,
+        fontsize=8,
+        ncols=min(len(labels), _PANEL_LEGEND_COLUMNS),
+        handlelength=1.2,
+        columnspacing=1.0,
+    )
+    set_legend_names(legend, [shorten_text(x, _PANEL_LEGEND_LETTERS) for x in labels])
+
+
+def _add_legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None:
+    """Add a legend below the panels, by which the figure becomes higher."""
+    from matplotlib.lines import Line2D
+
+    width = figure.get_figwidth()
+    letters = int((width - _LEGEND_LINE_WIDTH) / _LEGEND_LETTER_WIDTH)
+    names = [shorten_text(name, min(_LEGEND_ENTRY_LETTERS, letters)) for name in entries]
+    widest = _LEGEND_LETTER_WIDTH * max(map(len, names)) + _LEGEND_LINE_WIDTH
+    ncols = max(1, min(len(names), int(width / widest)))
+    rows = math.ceil(len(names) / ncols)
+    figure.set_figheight(figure.get_figheight() + _LEGEND_ROW_HEIGHT * rows)
+    legend = figure.legend(
+        handles=[Line2D([], [], **style) for style in entries.values()],
+        labels=[""] * len(names),
+        loc="outside lower center",
+        ncols=ncols,
+        frameon=False,
+        fontsize=8,
+        handlelength=3.0,
+    )
+    set_legend_names(legend, names)
 
 
 def set_legend_names(legend: Legend, names: Sequence[str]) -> None:
