@@ -13,6 +13,7 @@ from beamdae.parts.mechanism import Mechanism
 from beamdae.report.pictures.figures import disable_math_text, draw_grid
 from beamdae.report.pictures.scene_artists import SceneArtists
 from beamdae.report.scene.mechanism_scene import build_scene, reference_poses
+from beamdae.report.scene.scene import Scene
 from beamdae.report.text import shorten_text
 from beamdae.results.displays import Plot
 
@@ -106,20 +107,7 @@ def create_drawing(mechanism: Mechanism, size: tuple[float, float] | None = None
     SceneArtists(axis, scene)
     if caption := scene.caption:
         axis.set_title(caption, loc="right", fontsize=9, color="0.4", pad=2.0)
-    # Parts that are close to each other share a label.
-    groups: list[tuple[Array, list[str]]] = []
-    for row, name in scene.names:
-        position = scene.poses[row, 0, :2]
-        near = (
-            names
-            for other, names in groups
-            if np.hypot(*(position - other)) < _SHARED_LABEL_DISTANCE * extent
-        )
-        names = next(near, None)
-        if names is None:
-            groups.append((position, names := []))
-        names.append(shorten_text(name, _LABEL_LETTERS))
-    labels = [(position, "\n".join(names)) for position, names in groups]
+    labels = _collect_labels(scene, _SHARED_LABEL_DISTANCE * extent)
     if np.any(mechanism.gravity):
         # An arrow right of the upper right corner.
         gravity = float(np.hypot(*mechanism.gravity))
@@ -132,7 +120,26 @@ def create_drawing(mechanism: Mechanism, size: tuple[float, float] | None = None
     axis.dataLim.set_points(np.array([low, high]))
     axis.margins(_SCENE_MARGIN)
     axis.autoscale_view()
-    # Closely spaced points on the lines that labels must not cover.
+    place_labels(axis, labels, _sample_lines(scene))
+    disable_math_text(figure)
+    return figure
+
+
+def _collect_labels(scene: Scene, distance: float) -> list[tuple[Array, str]]:
+    """Return positions and texts of labels, merging names of points closer than `distance`."""
+    groups: list[tuple[Array, list[str]]] = []
+    for row, name in scene.names:
+        position = scene.poses[row, 0, :2]
+        near = (names for other, names in groups if np.hypot(*(position - other)) < distance)
+        names = next(near, None)
+        if names is None:
+            groups.append((position, names := []))
+        names.append(shorten_text(name, _LABEL_LETTERS))
+    return [(position, "\n".join(names)) for position, names in groups]
+
+
+def _sample_lines(scene: Scene) -> Array:
+    """Return closely spaced points (k, 2) on the lines that labels must not cover."""
     samples = []
     for glyph, line in scene.lines():
         if glyph.kind not in _COVERABLE_KINDS:
@@ -141,9 +148,7 @@ def create_drawing(mechanism: Mechanism, size: tuple[float, float] | None = None
             samples.append(
                 np.stack([np.interp(at, range(len(points)), x) for x in points.T], axis=1)
             )
-    place_labels(axis, labels, np.concatenate(samples))
-    disable_math_text(figure)
-    return figure
+    return np.concatenate(samples)
 
 
 def place_labels(axis: Axes, labels: Sequence[tuple[Array, str]], obstacles: Array) -> None:
