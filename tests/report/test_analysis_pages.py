@@ -68,6 +68,15 @@ def test_the_page_of_a_path_has_its_points_and_critical_points(path, tmp_path):
     assert path.page(tmp_path / "path.html").stat().st_size > 10_000
 
 
+def test_pages_open_on_the_chosen_columns(path, shaken):
+    page = build_path_page(path, "truss", ["crown.x [m]"])
+    assert page["featured"] == ["crown.x [m]"]
+    assert page["portrait"]["x"] == "crown.x [m]"
+    assert build_periodic_page(shaken, "one", ["mass.x_dot [m/s]"])["featured"] == [
+        "mass.x_dot [m/s]"
+    ]
+
+
 @pytest.mark.slow(reason="a fifth of a second")
 def test_the_page_of_modes_has_a_motion_for_each(column, tmp_path):
     modes = bd.modes(column, n=3)
